@@ -68,6 +68,7 @@ def pytest_configure(config: pytest.Config) -> None:
     run what decodes nothing. What Python compiles is kept, as they collect in half the time then, also where the environment (a
     container's) says not to.
     """
+    config.addinivalue_line("markers", "costly: of which a run at a desk tries one case")
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:

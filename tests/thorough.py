@@ -18,7 +18,11 @@ only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_
 
 
 AT_DESK = 2
-"""Cases of one test that a run of whole folders tries at a desk: first and last. Of one with an outside reader the first."""
+"""Cases of one test that a run of whole folders tries at a desk: first and last. Of one that is `costly`, of whole kits, or with
+an outside reader the first."""
+costly = pytest.mark.costly
+"""A test of which each case takes more than half a second."""
+_ONE_OF = ("tests/readers/", "tests/roundtrip/")
 
 
 _LESS: tuple[tuple[Any, str, float], ...] = (
@@ -77,5 +81,6 @@ def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
         if not any(mark.args and mark.args[0] for mark in item.iter_markers("skipif")):
             cases[item.nodeid.partition("[")[0]].append(item)
     for test, found in cases.items():
-        left |= set(found[1:] if test.startswith("tests/readers/") else found[1:-1])
+        one = test.startswith(_ONE_OF) or found[0].get_closest_marker("costly") is not None
+        left |= set(found[1:] if one else found[1:-1])
     return [item for item in items if item not in left]

@@ -26,7 +26,7 @@ from tactape_fab.texture.plane import locate_windows
 from tactape_fab.texture.touch.design import ALONE, ALONE_OF_EIGHT, MOST_TOUCH_POINTS
 from tests.docs.test_docs import script_of
 from tests.surfaces import box, emboss
-from tests.thorough import only_thorough
+from tests.thorough import costly, only_thorough
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -151,6 +151,7 @@ def test_the_smallest_contact_of_the_page_is_what_is_simulated() -> None:
     assert script.least_size_mm(script.tape_of(1.5, 0.25), "gelsight-mini") == row["least_size_mm"]["gelsight-mini"]
 
 
+@costly
 @pytest.mark.parametrize("name", ["microdots-4x4", "debruijn-4x4"])
 def test_as_many_patterns_read_as_the_page_on_codes_proves(name: str) -> None:
     patterns = np.random.default_rng(4).integers(4, size=(20_000, 16), dtype=np.uint8)

@@ -10,6 +10,7 @@ from tactape_fab.advise.order import DEFAULT_CONTACT_MM, choose_order
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.order import examine_order
 from tactape_fab.kit.examine.tape import Examined
+from tests.thorough import costly
 
 HOLDS = ("mesh", "spur", "none", "gang")
 
@@ -20,6 +21,7 @@ def broken(values: dict[str, Any]) -> list[str]:
     return [finding.rule for finding in examined.findings if finding.blocks]
 
 
+@costly
 @pytest.mark.parametrize("house", ["jlcpcb", "pcbway", "generic", "jlcpcb-fr4", "generic-lpi"])
 def test_the_choice_is_legal_and_reaches_the_contact(house: str) -> None:
     chosen = choose_order({"sector": 7}, house)
@@ -45,6 +47,7 @@ def test_a_smaller_contact_costs_the_hold_of_the_pads() -> None:
     assert any("no tape that jlcpcb-fpc makes locates a contact of 3 mm" in remark for remark in found[3].remarks)
 
 
+@costly
 @pytest.mark.parametrize(
     "given",
     [

@@ -23,6 +23,7 @@ from tactape_fab.base import jit
 from tactape_fab.sense import simulate
 from tactape_fab.sense.decode.dots import kth
 from tests.contacts import POSE, dots, tape_of
+from tests.thorough import costly
 
 DECODE = """
 import json, sys
@@ -43,6 +44,7 @@ def answers() -> list[tuple[float, dict[str, Any]]]:
     return [(near, json.loads(json.dumps(fix.to_mapping(0) | {"elapsed_ms": 0.0}))) for near, fix in found]
 
 
+@costly
 @pytest.mark.parametrize("numba", ["without", "switched off"])
 def test_plain_functions_give_the_same_answers_and_one_warning(numba: str, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = answers()
@@ -116,6 +118,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@costly
 @pytest.mark.skipif(not jit.KEPT, reason="nothing is compiled, or kept")
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
 @pytest.mark.parametrize("content", [b"", b"cut off", "class of another version"])

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from tactape_fab.base.number_rows import digits, number_rows
+from tests.thorough import costly
 
 COUNT = 250_000
 RANDOM = np.random.default_rng(26)
@@ -43,6 +44,7 @@ def test_decimals_are_those_of_python(values: npt.NDArray[np.float64], decimals:
     assert number_rows(template, values) == by_python(template, values)
 
 
+@costly
 @pytest.mark.parametrize("decimals", [0, 1, 2, 3, 4, 6, 9])
 def test_halves_of_the_last_decimal_and_their_neighbours_are_rounded_as_python_does(decimals: int) -> None:
     template = f"%.{decimals}f\n"

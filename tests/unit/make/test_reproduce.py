@@ -24,6 +24,7 @@ from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.make.reproduce import reproduce_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, moved, points
+from tests.thorough import costly
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 Copy = Callable[[Kit | PanelKit], Path]
@@ -200,6 +201,7 @@ SPECS: dict[str, dict[str, Any]] = {
 }
 
 
+@costly
 @pytest.mark.parametrize("values", SPECS.values(), ids=SPECS.keys())
 @pytest.mark.parametrize("verify", [True, False], ids=["verified", "unverified"])
 def test_a_kit_is_made_again_byte_for_byte(values: dict[str, Any], verify: bool, tmp_path: Path) -> None:

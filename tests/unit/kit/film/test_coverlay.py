@@ -18,7 +18,7 @@ from tactape_fab.kit.film.anchors import anchor_modes
 from tactape_fab.kit.film.coverlay import Mode, coverlay_modes, gang_window, least_pitch_mm, worst_box_gap_mm
 from tactape_fab.kit.profiles import FabProfile, load_fab, load_part
 from tactape_fab.texture.board import Board
-from tests.thorough import some
+from tests.thorough import costly, some
 
 PART = load_part("r0201")
 PROFILES = ("generic-fpc", "jlcpcb-fpc", "pcbway-fpc", "generic-lpi", "generic-fr4", "jlcpcb-fr4", "pcbway-fr4")
@@ -182,6 +182,7 @@ def test_spurs_that_come_too_near_to_each_other_are_refused_though_openings_are_
         assert findings["anchor-copper"].value == pytest.approx(2**0.5 * (pitch_mm - 0.25) - 1.5, abs=0.001)
 
 
+@costly
 @pytest.mark.parametrize("rotation_deg", [45.0, 135.0, 225.0])
 @pytest.mark.parametrize("displacement_mm", [0.1, 0.25])
 def test_a_mesh_is_legal_from_the_named_pitch_on_and_measured_so(rotation_deg: float, displacement_mm: float) -> None:

@@ -14,7 +14,7 @@ import shapely
 from tactape_fab.kit.film.tag_ink import Ink, tag_ink
 from tactape_fab.texture.tag import LEAST_CELL_MM, tag_cells
 from tactape_fab.verify.layers.legend import pupil_detector
-from tests.thorough import thorough
+from tests.thorough import costly, thorough
 
 IDS = range(587)
 SAMPLE = [0, 1, 7, 100, 255, 300, 444, 586]
@@ -150,6 +150,7 @@ def test_areas_unite_to_the_cells_less_their_chamfers(light: bool) -> None:
             assert near.covers(whole.difference(image)), tag_id
 
 
+@costly
 @BOTH
 @pytest.mark.parametrize("cell_mm", [0.5, LEAST_CELL_MM])
 def test_gaps_between_areas_stay_open_after_bleed(light: bool, cell_mm: float) -> None:

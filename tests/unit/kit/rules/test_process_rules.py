@@ -27,7 +27,7 @@ from tactape_fab.kit.plan import plan_texture
 from tactape_fab.kit.profiles import ElementProfile, load_part, load_process, read_part
 from tactape_fab.kit.rules.process_rules import check_models, check_texture
 from tactape_fab.solids.forms import Cylinder, SolidForm
-from tests.thorough import only_thorough
+from tests.thorough import costly, only_thorough
 from tests.unit.kit.test_plan import STEP, turned
 
 SMALL = {"sector": 7, "size_mm": (14.0, 11.0)}
@@ -331,6 +331,7 @@ def test_parts_that_a_fab_places_may_be_too_large_for_models(tmp_path: Path) -> 
 # Files and manifest
 
 
+@costly
 def test_a_solid_kit_has_models_previews_and_manifest(solid_kit: Kit) -> None:
     content = manifest_of(solid_kit)
     assert {row["role"] for row in content["files"]} == SOLID_ROLES == solid_kit.files.keys()
@@ -348,6 +349,7 @@ def test_the_tape_of_a_solid_kit_can_be_loaded(solid_kit: Kit) -> None:
     assert Tape.load(solid_kit.path).to_mapping() == solid_kit.tape.to_mapping()
 
 
+@costly
 def test_equal_specs_give_equal_bytes(solid_kit: Kit, tmp_path: Path) -> None:
     spec = TapeSpec.from_mapping(manifest_of(solid_kit)["spec"])
     again = make_kit(spec, tmp_path / "again", verify=False)  # equal bytes need no second verification

@@ -17,6 +17,7 @@ from tactape_fab.sense.calibrate.hand_eye import HandEye, find_hand_eye, matrix_
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
+from tests.thorough import costly
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
 
 ON_FLANGE = matrix_of(np.array([5.0, -3.0, 80.0, *Rotation.from_euler("xyz", [2, -3, 30], degrees=True).as_rotvec()]))
@@ -90,6 +91,7 @@ def test_few_poses_are_refused() -> None:
         solved_again(arm_poses(presses().poses)[:3])
 
 
+@costly
 @pytest.mark.parametrize("wrong", ["in metres", "of other frames"])
 def test_poses_that_do_not_fit_the_presses_are_refused(wrong: str) -> None:
     poses = arm_poses(presses().poses)

@@ -33,6 +33,7 @@ from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble
 from tactape_fab.sense.live.status_lines import end_lines, status_line
 from tactape_fab.sense.live.watch import MOST_SCALES, Watch, watch
 from tests.live import JOB, at_once, npy, ramp, save_npz
+from tests.thorough import costly
 
 
 def run(arguments: str, stdin: bytes | None = None) -> Result:
@@ -299,6 +300,7 @@ def process(arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
+@costly
 @pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
 def test_a_stream_is_watched_until_it_is_told_to_end(
     default_kit: Kit, frames: Path, tmp_path: Path, which: signal.Signals
@@ -324,6 +326,7 @@ def garbage() -> bytes:
     return np.random.default_rng(5).integers(0, 256, 100_000, dtype=np.uint8).tobytes()
 
 
+@costly
 @pytest.mark.parametrize(
     ("sent", "status", "said"),
     [

@@ -21,6 +21,7 @@ from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
 from tactape_fab.sense.simulation.elastic_layer import response as response_of
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE, dots
+from tests.thorough import costly
 
 SENSOR = load_sensor("gelsight-mini")
 CROWN_MM = (189.0, 113.0)
@@ -240,6 +241,7 @@ def test_a_tilt_changes_no_decision(tilt_deg: tuple[float, float]) -> None:
     assert same if tilt_deg == (0.0, 0.0) else not same
 
 
+@costly
 @pytest.mark.parametrize(("v_deg", "radius_mm"), [(-2.0, None), (2.0, 30.0)])
 def test_a_tilted_contact_is_where_it_is(v_deg: float, radius_mm: float | None) -> None:
     """Without depths in millimetres the same dots are taken for those of a flat contact, all drawn to its middle."""
