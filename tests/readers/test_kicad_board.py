@@ -37,9 +37,12 @@ def python_of_kicad() -> str:
 
 
 @pytest.fixture(scope="module")
-def kits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kit]:
+def kits(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> dict[str, Kit]:
+    """Those that are asked for."""
     folder = tmp_path_factory.mktemp("kicad")
-    return {name: make_kit(spec, folder / name, verify=False) for name, spec in SPECS.items()}
+    cases = [getattr(item, "callspec", None) for item in request.session.items if item.path == request.path]
+    asked = {"generic-fpc", *(case.params["name"] for case in cases if case is not None)}
+    return {name: make_kit(spec, folder / name, verify=False) for name, spec in SPECS.items() if name in asked}
 
 
 @pytest.fixture(scope="module")

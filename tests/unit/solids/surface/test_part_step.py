@@ -25,7 +25,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 from tests.roundtrip.test_verify_robust import DAMAGES
 from tests.surfaces import kit_folder, planned, step_file
-from tests.thorough import some
+from tests.thorough import costly, some
 
 
 class _Kernel:
@@ -155,6 +155,7 @@ def test_bore_is_hollow(kit: Path) -> None:
     assert read_back(made).is_valid
 
 
+@costly
 @pytest.mark.parametrize("radii_mm", [(20.0, 10.0), (10.0, 20.0)])
 def test_cone(kit: Path, tape: Tape, radii_mm: tuple[float, float]) -> None:
     made = emboss(kit, bd.Solid.make_cone(*radii_mm, 40), placement=Placement(at_mm=(15.0, 0.0, 20.0)))
@@ -176,6 +177,7 @@ def test_cone(kit: Path, tape: Tape, radii_mm: tuple[float, float]) -> None:
     assert gained == pytest.approx(tape.part_count * BLOCK_MM3, rel=0.01)
 
 
+@costly
 @pytest.mark.parametrize("top_mm", [None, 0.4], ids=["cap", "cone"])
 @pytest.mark.parametrize("shape", ["plane", "cylinder"])
 def test_domes(tmp_path: Path, tape: Tape, top_mm: float | None, shape: str) -> None:
@@ -283,8 +285,23 @@ def test_a_mutated_step_file_is_answered_from_its_own_process(seed: int, kit: Pa
         assert all(check.passed for check in made.checks)
 
 
+NEVER_ENDS = f"""
+    import resource
+    used, (within_s, most_s) = resource.getrusage(resource.RUSAGE_SELF), resource.getrlimit(resource.RLIMIT_CPU)
+    used_s = used.ru_utime + used.ru_stime
+    if not 0 < within_s <= used_s + {make_emboss.STEP_CPU_S}:
+        raise RuntimeError("no limit, or another")
+    resource.setrlimit(resource.RLIMIT_CPU, (int(used_s) + 1, most_s))
+    while 1:
+        pass
+"""
+"""Sees that it has a limit, and shortens it, for the time that takes."""
+
+
 @pytest.mark.parametrize(
-    ("deed", "says"), [("os.kill(os.getpid(), 11)", "ends its process"), ("while 1: pass", "takes too long")]
+    ("deed", "says"),
+    [("os.kill(os.getpid(), 11)", "ends its process"), (NEVER_ENDS, "takes too long")],
+    ids=["crashes", "never ends"],
 )
 def test_a_kernel_that_crashes_or_never_ends_costs_its_own_process(deed: str, says: str, kit: Path) -> None:
     part = step_file(kit.parent / "part.step", bd.Solid.make_box(30.0, 30.0, 5.0))
