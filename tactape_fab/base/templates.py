@@ -25,7 +25,6 @@ _MOST_PARTS = 64
 _TOKENS = re.compile(r"""(?P<part>"(?:\\.|[^"\\])*"?|'[^']*'?|[\w-]+)|(?P<dot>[ \t]*\.[ \t]*)|#.*|.""")
 
 
-@cache
 def templates_folder() -> Path:
     """Folder of the data files: inside the package in a wheel, beside it in a checkout or an editable install.
 
