@@ -270,9 +270,9 @@ def _counted(line: Line, question: Question) -> Line:
 
 
 def tape_of(line: Line, question: Question, sector: int) -> Tape:
-    """A tape as made by the line's command, with another sector."""
-    spec = line.design.spec(question.size_mm, code=line.code.name, directions=line.design.directions)
-    return profiles_of(spec).plan(replace(spec, sector=sector))
+    """A tape as made by the line's command with another sector: origin, name and tag are that sector's own."""
+    spec = line.design.spec(question.size_mm, sector=sector, code=line.code.name, directions=line.design.directions)
+    return profiles_of(spec).plan(spec)
 
 
 def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None, workers: Workers = 1) -> Advice:

@@ -16,7 +16,7 @@ from tactape_fab.base.errors import Finding, SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.film.anchors import Placing
 from tactape_fab.kit.film.coverlay import worst_box_gap_mm
-from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, load_process, read_part
+from tactape_fab.kit.profiles import ElementProfile, FabProfile, Limit, PartProfile, ProcessProfile, load_process, read_part
 from tactape_fab.kit.rules.remedies import cell_pitch_mm, element_pitch_mm, gap_pitch_mm
 from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.grid_options import DEFAULT_PITCH_MM
@@ -110,8 +110,7 @@ def solid_designs(process: ProcessProfile) -> Iterator[Design]:
     shares = [(4, share) for share in SHARES] + [(8, share) for share in SHARES[1:]]
     for (name, body_mm), (directions, share), careful in product(ELEMENTS, shares, (True, False)):
         part = replace(parts[name], body_mm=body_mm, top_mm=None)
-        gap_mm = process.limits["gap"].value_mm if careful or process.limits["gap"].level == "block" else 0.0
-        pitch_mm = settled(partial(_solid_pitch_mm, part, gap_mm, directions), share)
+        pitch_mm = settled(partial(_solid_pitch_mm, part, _gap_mm(process.limits["gap"], careful), directions), share)
         yield replace(_design(part, pitch_mm, share), process=process.name, directions=directions)
 
 
@@ -133,18 +132,20 @@ def settled(least: Callable[[float], float], share: float) -> float:
     return round(ceil(round(high / _STEP_MM, 4)) * _STEP_MM, 2)
 
 
-def film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacement_mm: float) -> float:
-    """Least pitch, mm, at which pads, bodies, openings and models are apart; careful: also courtyards and warning limits."""
-
-    def limit_mm(rule: str) -> float:
-        limit = fab.limits[rule]
-        return max(limit.value_mm, (limit.warn_mm or 0.0) * careful) if careful or limit.level == "block" else 0.0
-
-    gaps_mm = {rule: limit_mm(rule) for rule in ("body-body", "pad-pad")}
+def _gap_mm(limit: Limit, careful: bool) -> float:
+    """The gap, mm, that a limit asks for: without a warning if careful, else so that it does not block."""
     if careful:
-        gaps_mm["courtyard"] = fab.limits["courtyard"].value_mm
+        return max(limit.value_mm, limit.warn_mm or 0.0)
+    return limit.value_mm if limit.level == "block" else 0.0
+
+
+def film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacement_mm: float) -> float:
+    """Least pitch, mm, at which pads, bodies, openings and models are apart; courtyards where they block, or if careful."""
+    gaps_mm = {rule: _gap_mm(fab.limits[rule], careful) for rule in ("body-body", "pad-pad")}
+    if careful or fab.limits["courtyard"].level == "block":
+        gaps_mm["courtyard"] = _gap_mm(fab.limits["courtyard"], careful)
     if fab.coverlay_mode != "gang":
-        gaps_mm["opening-bridge"] = limit_mm("opening-bridge")
+        gaps_mm["opening-bridge"] = _gap_mm(fab.limits["opening-bridge"], careful)
     placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=USUAL_DIRECTIONS)
     apart_mm = [gap_pitch_mm(rule, gap_mm, fab, part, placing) for rule, gap_mm in gaps_mm.items()]
     return max(*apart_mm, cell_pitch_mm(part, placing))

@@ -17,15 +17,17 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab.advise import model
-from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING, advise, seen_of
-from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, Design, film_designs, judged, rules_of, solid_designs
+from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING, advise, seen_of, tape_of
+from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, Design, film_designs, film_pitch_mm, judged, rules_of, solid_designs
 from tactape_fab.advise.model import CODES, LOSS, Seen, least_contact_mm, located_share, signal_of
 from tactape_fab.advise.question import read_question
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import Level, SpecError
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.kit.profiles import load_fab, load_process, read_part
+from tactape_fab.kit.film.anchors import Placing
+from tactape_fab.kit.profiles import PartProfile, load_fab, load_process, read_part
+from tactape_fab.kit.rules.remedies import gap_pitch_mm
 from tactape_fab.sense import Scene, load_sensor
 from tactape_fab.sense.decode.dots.detect import band_pass
 from tactape_fab.sense.decode.rule import posteriors
@@ -154,6 +156,20 @@ def test_every_design_that_is_kept_is_legal_and_hardly_wider_than_it_must_be() -
         assert broken is None or any(f.blocks or f.rule not in design.warnings for f in broken), design
         clean = rules_of(design, (30.0, 30.0))
         assert clean is not None and not any(f.blocks for f in clean)
+
+
+@pytest.mark.parametrize("level", ["warn", "block"])
+def test_a_fab_that_asks_about_narrow_courtyards_is_advised_designs_without_that(level: Level) -> None:
+    fab, part = load_fab("generic-fpc").in_mode("gang"), read_part("r0201")
+    assert isinstance(part, PartProfile)
+    courtyard = replace(fab.limits["courtyard"], level=level, value_mm=0.1, warn_mm=0.3)
+    strict = replace(fab, limits={**fab.limits, "courtyard": courtyard})
+    for careful, gap_mm in ((True, 0.3), (False, 0.1 if level == "block" else None)):
+        usual_mm, pitch_mm = (film_pitch_mm(f, part, careful, 0.25) for f in (fab, strict))
+        placing = Placing(rotation_deg=45.0, displacement_mm=0.25, directions=4)
+        needed_mm = usual_mm if gap_mm is None else gap_pitch_mm("courtyard", gap_mm, fab, part, placing)
+        assert pitch_mm == pytest.approx(max(usual_mm, needed_mm))
+        assert gap_mm is None or pitch_mm > usual_mm
 
 
 def test_elements_keep_their_process_s_gap_or_are_warned_of() -> None:
@@ -290,6 +306,18 @@ def test_it_needs_no_compiler_and_no_kernel() -> None:
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True)
     assert result.stdout.splitlines()[-1] == "[]"
+
+
+def test_other_tapes_that_are_simulated_are_those_that_make_makes() -> None:
+    question = read_question({"contact_mm": 7.0, "tapes": 3})
+    line = advise(question).lines[0]
+    design = line.design
+    for code, sector in ((CODES[0].name, 7), (CODES[0].name, 44), (line.code.name, 44)):
+        values = {"sector": sector, "code": code, "pitch_mm": design.pitch_mm, "displacement_mm": design.displacement_mm}
+        made = examine({**values, "size_mm": list(question.size_mm), "part": design.part, "coverlay": design.coverlay}).tape
+        tape = tape_of(replace(line, code=next(c for c in CODES if c.name == code)), question, sector)
+        assert (tape.name, tape.origin, tape.tag) == (made.name, made.origin, made.tag)
+        np.testing.assert_array_equal(tape.symbols, made.symbols)
 
 
 def test_simulate_holds_the_first_lines_against_contacts(monkeypatch: pytest.MonkeyPatch) -> None:
