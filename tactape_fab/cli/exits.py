@@ -20,6 +20,8 @@ _KEY = re.compile(
     r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]*\]))|(?= = | contradicts | is of ))"
 )
 """A key of the package in a message, with the value of a flag or a list."""
+_ARGUMENT = re.compile(r"(?<= )(\w+)=(?:'([\w-]+)'|([\w.-]+))|(?<=give another )(\w+)")
+"""An argument that a remedy names as Python has it, ``world='open'``, with its value."""
 _PART = "\0"
 """Behind the whole value that was typed, where a message is of a part of it: ``--size = '0x50': 0 mm is not above 0 mm``."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
@@ -66,6 +68,19 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     return _KEY.sub(option, line).replace(f"{_PART} = ", " ").replace(f":{_PART}", "")
 
 
+def _with_options(line: str) -> str:
+    """A message with the command's options in place of arguments that its remedy names: ``--world open``."""
+    context = click.get_current_context(silent=True)
+    names = [option.lstrip("-") for p in (context.command.params if context else ()) for option in p.opts]
+
+    def option(found: re.Match[str]) -> str:
+        name = (found[1] or found[4]).replace("_", "-")
+        value = found[2] or found[3]
+        return found[0] if name not in names else f"--{name} {value}" if value else f"--{name}"
+
+    return _ARGUMENT.sub(option, line)
+
+
 def _as_in_file(problem: Problem, typed: Mapping[str, tuple[str, Any]]) -> str:
     """A problem's message: what is to be left out is named as in the spec file, where no option gave it."""
     key = problem.root
@@ -102,7 +117,7 @@ def answers() -> Iterator[None]:
         yield
     except TactapeError as error:
         status, lines = answer(error, _options())
-        lines = list(dict.fromkeys(lines))  # both sides of 0x0 say the same
+        lines = list(dict.fromkeys(map(_with_options, lines)))  # both sides of 0x0 say the same
         more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
         fail(status, [*lines[:_MOST_LINES], *more])
     except MemoryError:

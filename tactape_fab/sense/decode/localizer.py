@@ -41,6 +41,7 @@ from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import Prior
 from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
 from tactape_fab.sense.decode.search.trace_plane import TracePlane
+from tactape_fab.sense.decode.settings import given_settings, setting_problems
 from tactape_fab.sense.decode.warm import announce, rehearse
 from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
@@ -58,33 +59,6 @@ Method = Literal["ml", "paper"]
 
 def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _kappa_problems(kappa: Any) -> list[Problem]:
-    if _is_number(kappa) and 1.0 <= kappa <= 1e300:
-        return []
-    return [Problem("kappa", f"kappa = {shown(kappa)} is not at least 1; give the least lead over any rival, such as 30")]
-
-
-def _share_problems(**values: Any) -> list[Problem]:
-    """Problems of probabilities, by their names."""
-    return [
-        Problem(key, f"{key} = {shown(value)} is not between 0 and 1; give a probability such as 1e-4")
-        for key, value in values.items()
-        if not (_is_number(value) and 0.0 < value < 1.0)
-    ]
-
-
-def _choice_problems(key: str, value: object, first: str, second: str) -> list[Problem]:
-    if isinstance(value, str) and value in (first, second):
-        return []
-    return [Problem(key, f"{key} = {shown(value)} is neither {first!r} nor {second!r}; give one of them")]
-
-
-def _flag_problems(**values: Any) -> list[Problem]:
-    """Problems of flags, by their names."""
-    said = "is neither True nor False; give one of them"
-    return [Problem(key, f"{key} = {shown(value)} {said}") for key, value in values.items() if not isinstance(value, bool)]
 
 
 def _stamped(found: Localization, start: float, timestamp: float | None) -> Localization:
@@ -126,7 +100,8 @@ class Localizer:
     Raises
     ------
     SpecError
-        If there is no tape, a path is not a kit, tapes differ in W, Delta or directions, or a value is out of range.
+        If there is no tape, a path is not a kit, tapes differ in W, Delta or directions, or a value is out of range or has no
+        effect beside the others.
 
     Attributes
     ----------
@@ -156,23 +131,21 @@ class Localizer:
         problems: list[Problem] = []
         registered = tried(lambda: as_tapes(tapes), problems)
         tapes = registered or []
-        problems += _choice_problems("method", method, "ml", "paper")
-        problems += [] if refine is None else _choice_problems("refine", refine, "dots", "pixels")
-        by_paper = isinstance(method, str) and method == "paper"
-        if by_paper and isinstance(refine, str) and refine == "pixels":
-            message = "refine = 'pixels' is not part of method 'paper'; leave it out, or use method 'ml'"
-            problems.append(Problem("refine", message))
+        settings: dict[str, Any] = {
+            "method": method,
+            "max_p_false": max_p_false,
+            "max_p_tape": max_p_tape,
+            "world": world,
+            "kappa": kappa,
+        }
+        settings |= {"unregistered_share": unregistered_share, "fixed_scale": fixed_scale, "refine": refine}
+        problems += setting_problems(given_settings(settings))
         if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
-        if by_paper and not all(has_plane(tape.code) for tape in tapes):
+        if isinstance(method, str) and method == "paper" and not all(has_plane(tape.code) for tape in tapes):
             from tactape_fab.sense.decode.paper.method import PLANELESS
 
             problems.append(Problem("method", PLANELESS))
-        problems += _choice_problems("world", world, "open", "closed")
-        problems += _share_problems(max_p_false=max_p_false, unregistered_share=unregistered_share)
-        problems += [] if max_p_tape is None else _share_problems(max_p_tape=max_p_tape)
-        problems += _kappa_problems(kappa)
-        problems += _flag_problems(fixed_scale=fixed_scale)
         sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
         if len(sizes) > 1:
             said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
@@ -249,7 +222,8 @@ class Localizer:
             )
             if not (_is_number(value) and 0.0 < value <= most)
         ]
-        problems += [*_share_problems(max_p_false=max_p_false), *_kappa_problems(kappa), *_flag_problems(fixed_scale=fixed_scale)]
+        settings = {"max_p_false": max_p_false, "kappa": kappa, "fixed_scale": fixed_scale}
+        problems += setting_problems(given_settings(settings), code=code)
         if problems:
             raise SpecError(problems)
         self = cls.__new__(cls)

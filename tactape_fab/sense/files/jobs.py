@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields
+from tactape_fab.sense.decode.settings import setting_problems
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
 from tactape_fab.sense.files.recordings import Recording, is_recording, open_recording, upright
 from tactape_fab.sense.raw.colour_images import RawImage, open_raw, open_reconstruction
@@ -23,7 +24,6 @@ from tactape_fab.texture.tape import Tape
 if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
 
-METHODS = ("ml", "paper")
 Frames = FrameFile | RawImage | Recording
 DEFAULT_PITCH_MM = 1.5
 
@@ -126,7 +126,7 @@ def prepare_without_frames(
     as_built = given.pop("as_built", ())
     bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
     code = _read_code(bare, bool(kits), problems)
-    problems += _setting_problems(given, "code" in bare)
+    problems += setting_problems(given, code=bare.get("code"))
     tapes = tried(lambda: read_tapes(kits, as_built), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
     if profile is None:
@@ -188,28 +188,6 @@ def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> 
     pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)
     displacement_mm = table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / 6
     return BareCode(name=name, pitch_mm=pitch_mm, displacement_mm=displacement_mm)
-
-
-def _setting_problems(given: Mapping[str, Any], bare: bool) -> list[Problem]:
-    """Problems of the settings; some do not apply to the paper's method, or to a search without tapes."""
-    table = Fields({"method": "ml", **given})
-    method = table.text("method", choices=METHODS, default="ml")
-    if method == "paper":
-        options = [name for name in given if name != "method"] + ["code"] * bare
-        lacks = "method 'paper' needs tapes, bounds nothing and takes its scale as it is; leave out, or use --method ml"
-    else:
-        options = [name for name in ("world", "max_p_tape", "refine") if name in given and bare]
-        lacks = "without --tape every place of the code may be touched, with one bound; leave out, or give the kits with --tape"
-    if options:
-        table.problem("method", f"{', '.join('--' + name.replace('_', '-') for name in options)}: {lacks}")
-    for name in ("max_p_false", "max_p_tape"):
-        if name in given:
-            table.number(name, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
-    if "refine" in given:
-        table.text("refine", choices=("dots", "pixels"))
-    if "world" in given:
-        table.text("world", choices=("open", "closed"))
-    return table.problems
 
 
 def make_locator(job: Job, sensor: SensorProfile) -> Locate:

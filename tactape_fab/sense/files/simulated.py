@@ -21,7 +21,7 @@ from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.sense.simulation.draw import MOST_FRAMES, Frame, iterate_frames
+from tactape_fab.sense.simulation.draw import MOST_FRAMES, Frame, edge_problems, iterate_frames
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.parts import Parts, built_parts_of, parts_from_cpl
 from tactape_fab.sense.simulation.scene import Scene
@@ -117,9 +117,7 @@ def simulate_file(
     whole_seed = table.integer("seed", low=0, high=2**64 - 1)
     remedy = f"give X,Y,THETA in mm and degrees, such as 20,12,30, each from {-FARTHEST_MM:g} to {FARTHEST_MM:g}"
     at = table.numbers("pose", 3, low=-FARTHEST_MM, high=FARTHEST_MM, unit="", remedy=remedy) if pose is not None else None
-    if at is not None and edge:
-        table.problem("edge", "edge spreads the poses and pose fixes them; give one of --edge and --pose")
-    problems = table.problems
+    problems = table.problems + edge_problems(edge, pose)
     how = tried(lambda: _scene(scene), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
     if from_cpl and places not in ("design", "cpl"):

@@ -170,6 +170,8 @@ def iterate_frames(
         As `simulate`, and for poses of another shape; on the first frame asked for.
     """
     profile, scene = _given(tape, sensor, scene)
+    if problems := edge_problems(edge, poses):
+        raise SpecError(problems)
     drawn = draw_poses(tape, count, seed, profile, scene, edge=edge) if poses is None else _checked_poses(poses, count)
     standing = as_parts(tape, parts)
     for k, pose in enumerate(drawn):
@@ -264,6 +266,8 @@ def draw_poses(
         x mm, y mm (texture frame), theta deg in (-180, 180].
     """
     profile, scene = _given(tape, sensor, scene)
+    if problems := edge_problems(edge, None):
+        raise SpecError(problems)
     _check_count(count)
     shift = np.random.Generator(np.random.PCG64(np.random.SeedSequence(checked_seed(seed), spawn_key=(0, 2)))).random(3)
     share = (shift + np.outer(np.arange(1, count + 1), _RECURRENCE)) % 1.0
@@ -348,6 +352,14 @@ def _given(tape: object, sensor: object, scene: object, options: Mapping[str, An
     if profile is None or meant is None or problems:
         raise SpecError(problems)
     return profile, meant
+
+
+def edge_problems(edge: object, poses: object) -> list[Problem]:
+    """Problems of `edge`: it is no flag, or there are poses (None for none) that it would spread."""
+    table = Fields({"edge": edge})
+    if table.flag("edge") and poses is not None:
+        table.problem("edge", "edge = True spreads poses, and poses are given; leave it out, or the poses")
+    return table.problems
 
 
 def _stream(seed: int, number: int) -> np.random.SeedSequence:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pytest
 from click.testing import CliRunner, Result
 
-from tactape_fab import Kit
+from tactape_fab import Kit, Localizer, SpecError
 from tactape_fab.cli import command, main
 
 KEYS = {
@@ -119,7 +119,7 @@ def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None
         ("--seed -1", "seed = -1"),
         ("--pose 1,2", "--pose = '1,2'"),
         ("--pose 1,2,nan", "--pose = '1,2,nan': nan is not a finite number"),
-        ("--pose 1,2,3 --edge", "--edge and --pose"),
+        ("--pose 1,2,3 --edge", "--edge spreads poses, and poses are given; leave it out"),
         ("--contact 0x0", "--contact"),
         ("--contact round", "--contact = 'round'"),
         ("--contact 5x5 --cylinder 10", "cylinder and contact"),
@@ -263,13 +263,30 @@ def test_the_paper_s_method_bounds_nothing(default_kit: Kit, frames: Path) -> No
 
 
 @pytest.mark.parametrize(
-    "options", ["--max-p-false 1e-3", "--max-p-tape 1e-2", "--world open", "--world closed", "--fixed-scale", "--refine pixels"]
+    ("options", "setting"),
+    [
+        ("--max-p-false 1e-3", {"max_p_false": 1e-3}),
+        ("--max-p-tape 1e-2", {"max_p_tape": 1e-2}),
+        ("--world closed", {"world": "closed"}),
+        ("--fixed-scale", {"fixed_scale": True}),
+        ("--refine pixels", {"refine": "pixels"}),
+        ("--refine dots", {"refine": "dots"}),
+        ("--world open", None),
+    ],
 )
-def test_the_paper_s_method_refuses_what_it_does_not_know(default_kit: Kit, frames: Path, options: str) -> None:
+def test_the_paper_s_method_refuses_what_it_does_not_know(
+    default_kit: Kit, frames: Path, options: str, setting: dict[str, Any] | None
+) -> None:
+    """In the words of Python, with options in place of arguments."""
     result = run(f"decode {frames} --tape {default_kit.path} --method paper {options}")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert options.split(maxsplit=1)[0] in result.stderr
-    assert "--method ml" in result.stderr
+    assert result.stderr.startswith(f"error: {options.split(maxsplit=1)[0]}")
+    _, words = result.stderr.strip().split(": method ")
+    assert words.endswith("; leave it out, or give --method ml")
+    if setting is not None:
+        with pytest.raises(SpecError) as caught:
+            Localizer(default_kit.tape, method="paper", **setting)
+        assert str(caught.value).split(": method ")[1] == words.replace("--method ml", "method='ml'")
 
 
 def test_without_a_tape_the_code_tells_sector_and_place(default_kit: Kit, tmp_path: Path) -> None:
@@ -294,7 +311,7 @@ def test_without_a_tape_the_code_tells_sector_and_place(default_kit: Kit, tmp_pa
         ("--code microdots-4x4 --w 1.5 --delta 0.8", "delta = 0.8"),
         ("--code microdots-4x4 --world closed", "--world"),
         ("--code microdots-4x4 --max-p-tape 0.01", "--max-p-tape"),
-        ("--code microdots-4x4 --method paper", "--code: method 'paper' needs tapes"),
+        ("--code microdots-4x4 --method paper", "--code = 'microdots-4x4': method 'paper' needs tapes"),
         ("--w 1.5", "no tape is given"),
     ],
 )

@@ -15,6 +15,7 @@ from tactape_fab import Localization, Localizer, Prior, TapeSpec
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import load_sensor, simulate
+from tactape_fab.sense.decode.settings import USUAL, given_settings, setting_problems
 from tactape_fab.sense.geometry import Geometry
 from tests.bench.impostors import plain_grid, random_symbols
 from tests.contacts import CENTRE, DELTA, POSE, SHIFT, TAPE, R, W, dots, is_near, seen, tape_of, texture_of
@@ -353,6 +354,43 @@ def test_all_that_is_wrong_with_a_localizer_is_said_at_once() -> None:
     assert {p.key for p in caught.value.problems} == {
         "tape", "world", "max_p_false", "max_p_tape", "unregistered_share", "kappa",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("max_p_false", 1e-6),
+        ("max_p_tape", 1e-6),
+        ("world", "closed"),
+        ("unregistered_share", 0.1),
+        ("kappa", 100.0),
+        ("fixed_scale", True),
+        ("refine", "dots"),
+        ("refine", "pixels"),
+    ],
+)
+def test_a_setting_that_has_no_effect_with_the_paper_s_method_is_refused(key: str, value: Any) -> None:
+    settings: dict[str, Any] = {key: value}
+    said = "method 'paper' needs tapes, bounds nothing and takes its scale as it is; leave it out, or give method='ml'"
+    with pytest.raises(SpecError) as caught:
+        Localizer([TAPE], method="paper", **settings)
+    assert [(p.key, p.message) for p in caught.value.problems] == [(key, f"{key} = {value!r}: {said}")]
+    assert [p.key for p in setting_problems({"method": "paper", **settings}, code="microdots-4x4")] == ["code", key]
+    assert not setting_problems({"method": "paper", **given_settings(USUAL)})
+
+
+@pytest.mark.parametrize(("key", "value"), [("world", "open"), ("max_p_tape", 0.1), ("refine", "dots")])
+def test_a_setting_of_tapes_has_no_effect_on_a_code_alone(key: str, value: Any) -> None:
+    (problem,) = setting_problems({key: value}, code="microdots-4x4")
+    assert problem.message == (
+        f"{key} = {value!r}: without tapes every place of the code may be touched, with one bound; leave it out, or give the kits"
+    )
+    assert not setting_problems({key: value})
+
+
+def test_unregistered_tapes_have_no_share_in_a_closed_world() -> None:
+    with pytest.raises(SpecError, match=r"^unregistered_share = 0\.1: in a closed world .*; leave it out, or give world='open'$"):
+        Localizer([TAPE], world="closed", unregistered_share=0.1)
 
 
 def test_tapes_of_two_sizes_need_two_localizers() -> None:

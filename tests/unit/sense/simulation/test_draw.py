@@ -313,3 +313,14 @@ def test_importing_the_simulator_loads_no_library_of_weight() -> None:
     heavy = ("cv2", "scipy", "shapely", "build123d", "trimesh", "click", "tactape_fab.sense.decode", "tactape_fab.kit")
     code = f"import sys, tactape_fab.sense.simulation; print([m for m in {heavy!r} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True).stdout.strip() == "[]"
+
+
+def test_poses_that_are_given_are_not_spread_along_the_edge(tape: Tape) -> None:
+    with pytest.raises(SpecError, match=r"^edge = True spreads poses, and poses are given; leave it out, or the poses$"):
+        simulate_frames(tape, 1, poses=[(20.0, 12.0, 0.0)], edge=True)
+
+
+@pytest.mark.parametrize("draw", [draw_poses, simulate_frames])
+def test_an_array_is_no_edge(tape: Tape, draw: Callable[..., object]) -> None:
+    with pytest.raises(SpecError, match=r"^edge = array\(\[ True, False\]\) is neither true nor false; give one of them$"):
+        draw(tape, 2, edge=np.array([True, False]))

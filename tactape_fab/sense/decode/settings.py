@@ -1,0 +1,55 @@
+"""Settings of `Localizer`, judged together: values out of range, and those that have no effect beside the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tactape_fab.base.errors import Problem
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.sense.decode.rule import KAPPA, MAX_P_FALSE, UNREGISTERED_SHARE
+
+USUAL: Mapping[str, Any] = {
+    "method": "ml",
+    "max_p_false": MAX_P_FALSE,
+    "max_p_tape": None,
+    "world": "open",
+    "unregistered_share": UNREGISTERED_SHARE,
+    "kappa": KAPPA,
+    "fixed_scale": False,
+    "refine": None,
+}
+"""Every setting, and its value where none is given."""
+_SHARES = ("max_p_false", "max_p_tape", "unregistered_share")
+_OF_TAPES = ("world", "max_p_tape", "unregistered_share", "refine")
+
+
+def given_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of a program's settings that are not the usual ones."""
+    return {name: value for name, value in settings.items() if not (type(value) is type(USUAL[name]) and value == USUAL[name])}
+
+
+def setting_problems(given: Mapping[str, Any], *, code: str | None = None) -> list[Problem]:
+    """Problems of settings that are given, by their names.
+
+    code: The code that is searched without tapes.
+    """
+    table = Fields({"fixed_scale": False, "kappa": KAPPA, **given})
+    method, world = table.choice("method", ("ml", "paper")), table.choice("world", ("open", "closed"))
+    table.choice("refine", ("dots", "pixels"))
+    for name in (name for name in _SHARES if name in given):
+        table.number(name, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
+    table.number("kappa", low=1.0, high=1e300, unit="", remedy="give the least lead over any rival, such as 30")
+    table.flag("fixed_scale")
+    if method == "paper":
+        idle = [name for name in given if name != "method"]
+        lacks = "method 'paper' needs tapes, bounds nothing and takes its scale as it is; leave it out, or give method='ml'"
+        table.problems += [] if code is None else [Problem("code", f"code = {shown(code)}: {lacks}")]
+    elif code is not None:
+        idle = [name for name in given if name in _OF_TAPES]
+        lacks = "without tapes every place of the code may be touched, with one bound; leave it out, or give the kits"
+    else:
+        idle = ["unregistered_share"] if world == "closed" and "unregistered_share" in given else []
+        lacks = "in a closed world no unregistered tape is touched; leave it out, or give world='open'"
+    table.problems += [Problem(name, f"{name} = {shown(given[name])}: {lacks}") for name in idle if not table.refused(name)]
+    return table.problems
