@@ -130,8 +130,11 @@ def _grid(size_mm: tuple[float, float], spec: TapeSpec, claim: Claim) -> _Grid:
     )
 
 
-def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tape] = ()) -> Tape:
+def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tape] | None = ()) -> Tape:
     """Decide a tape of parts with lands.
+
+    avoid: Tapes that a design is kept different from; None: symbols drawn by lot in place of a design, which takes seconds, for a
+        tape that is refused and only measured.
 
     The grid point (0, 0) is at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
     plus the reach of an outward displaced opening, rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``.
@@ -144,7 +147,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
     return _plan(spec, film_claim(spec, fab, part), tape_part, fab.material.thickness_mm, avoid)
 
 
-def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] = ()) -> Tape:
+def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] | None = ()) -> Tape:
     """Decide a texture of solid elements on a base of the spec's thickness; the grid is decided as in `plan`, without strip.
 
     Raises SpecError, CapacityError as `plan`.
@@ -174,14 +177,19 @@ def _holding(spec: TapeSpec, claim: Claim) -> tuple[float, float]:
     return max(spec.size_mm[0], least[0]), max(spec.size_mm[1], least[1])
 
 
-def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, part: TapePart | None, avoid: Sequence[Tape]) -> SymbolArray:
+def _symbols(
+    spec: TapeSpec, origin: tuple[int, int], grid: _Grid, part: TapePart | None, avoid: Sequence[Tape] | None
+) -> SymbolArray:
     """The code's symbols for a grid; designed ones are kept different from those of existing tapes."""
-    shape, others = (grid.rows, grid.columns), [tape.symbols for tape in avoid]
+    shape = (grid.rows, grid.columns)
+    if avoid is None and get_code(spec.code).plane is None:
+        return np.random.default_rng(0).integers(spec.directions, size=shape, dtype=np.uint8)
+    others = [tape.symbols for tape in avoid or ()]
     long = part is not None and part.open_turns_deg == (0, 180)
     return get_code(spec.code).symbols(spec.sector, origin, shape, others, spec.directions, half_turns=long)
 
 
-def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avoid: Sequence[Tape]) -> Tape:
+def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avoid: Sequence[Tape] | None) -> Tape:
     code = get_code(spec.code)
     grid = _grid(spec.size_mm, spec, claim)
     problems = list(_size_problems(spec, code, grid, claim)) or list(_tag_problems(spec, claim.ink_edge_mm))

@@ -59,7 +59,7 @@ class Profiles:
     part: PartProfile | ElementProfile
     process: ProcessProfile | None
 
-    def plan(self, spec: TapeSpec, avoid: Sequence[Tape] = ()) -> Tape:
+    def plan(self, spec: TapeSpec, avoid: Sequence[Tape] | None = ()) -> Tape:
         """The tape of a spec that names these profiles; see `tactape_fab.kit.plan`."""
         if isinstance(self.part, PartProfile):
             assert self.fab is not None
@@ -278,7 +278,7 @@ def _planned(
     so that the rules can be measured.
     """
     try:
-        tape = profiles.plan(spec, () if problems else avoid)
+        tape = profiles.plan(spec, None if problems else avoid)  # a refused tape is not designed
         if spec.origin != BEST or problems:
             return spec, tape, None
         choice = choose_origin(get_plane(spec.code), spec.sector, tape.placed, avoid)

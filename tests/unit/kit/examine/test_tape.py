@@ -18,6 +18,7 @@ from tactape_fab.cli import main
 from tactape_fab.kit.examine.order import examine_order
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.profiles import load_fab
+from tactape_fab.texture.touch import designed
 from tests.thorough import some
 
 FITTING: dict[str, Any] = {"sector": 7, "size_mm": [100.0, 80.0], "models": False}
@@ -205,3 +206,22 @@ def test_any_values_are_examined_or_refused_once_each(values: dict[str, Any]) ->
         messages = [problem.message for problem in error.problems]
         assert messages
         assert len(set(messages)) == len(messages)
+
+
+@pytest.mark.parametrize("directions", [4, 8])
+def test_a_tape_that_is_refused_is_not_designed(monkeypatch: pytest.MonkeyPatch, directions: int) -> None:
+    """A design takes seconds; the rules are measured without."""
+
+    def designs(*_: object, **__: object) -> None:
+        raise AssertionError("designed")
+
+    monkeypatch.setattr(designed, "design", designs)
+    values = {"sector": 1, "code": "touch-1", "directions": directions, "part": "block" if directions == 8 else "r0201"}
+    with pytest.raises(SpecError) as caught:
+        examine({**values, "origin": [3, 3], "pitch_mm": 1.0, "displacement_mm": 0.15})
+    assert [p.key for p in caught.value.problems] == ["origin"]
+    if directions == 4:
+        same = examine({"sector": 1, "pitch_mm": 1.0, "displacement_mm": 0.15}).findings  # all pairs of symbols stand on it, too
+        assert [(f.rule, f.value) for f in caught.value.findings] == [(f.rule, f.value) for f in same if f.blocks] != []
+    with pytest.raises(AssertionError, match="designed"):
+        examine(values)
