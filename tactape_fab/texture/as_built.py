@@ -33,7 +33,8 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 NOMINAL = "none"
 """Given in the place of a file: the places of the design."""
 _FILE = "a file of measured places, or the folder of a kit"
-_OTHERWISE = "measure this tape again, or leave the file out: --as-built none, or no --from"
+_OF_DESIGN = f"give as_built='{NOMINAL}' for the places of the design"
+_OTHERWISE = f"measure this tape again, or {_OF_DESIGN}"
 LEAST_MEASURED = 10
 """Measured parts from which on their scatter says how far off the others may be."""
 
@@ -295,7 +296,7 @@ class AsBuilt:
             was = "" if self.tape == name else f", of the tape {shown(self.tape)}"
             message = (
                 f"manifest_sha256 = {self.manifest_sha256[:12]}... is that of another kit{was}; the manifest of {name} has "
-                f"{digest[:12]}...; measure this tape, or leave the file out: --as-built none, or no --from"
+                f"{digest[:12]}...; measure this tape, or {_OF_DESIGN}"
             )
             return [Problem("as-built", message)]
         problems = []
@@ -348,7 +349,7 @@ def _is_beside(path: Path) -> bool:
         what = "a folder" if path.is_dir() else "a link to nothing" if path.is_symlink() else "no regular file"
     except (OSError, ValueError) as error:
         what = f"not to be looked at ({reason_of(error)})"
-    message = f"{shown_path(path)} is {what}, and measured places are looked for there; remove it, or give --as-built none"
+    message = f"{shown_path(path)} is {what}, and measured places are looked for there; remove it, or {_OF_DESIGN}"
     raise SpecError(Problem("as-built", message))
 
 

@@ -149,7 +149,7 @@ def get_plane(name: str) -> Plane:
     known = isinstance(name, str) and name in CODES
     plane = CODES[name].plane if known else None
     if plane is None and known:
-        said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit with --tape"
+        said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit"
         raise SpecError(Problem("code", f"code = {name!r} {said}"))
     if plane is None:
         raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(CODE_NAMES)}"))

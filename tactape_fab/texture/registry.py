@@ -142,7 +142,7 @@ class _Measured:
         files = [as_path(file, "as_built", "files of measured places, or none") if file != NOMINAL else NOMINAL for file in files]
         self._nominal = NOMINAL in files
         if self._nominal and len(files) > 1:
-            message = "--as-built none is given together with files; give either none or the files"
+            message = "as_built = none is given together with files; give either none or the files"
             raise SpecError(Problem("as-built", message))
         self._files = {} if self._nominal else {AsBuilt.load(file).manifest_sha256: file for file in files}
         self._used: set[str] = set()
@@ -160,7 +160,7 @@ class _Measured:
         kits = ", ".join(entry.tape.name for entry in entries[:5])
         of = f"of {kits} has" if kits else "is there"
         return [
-            Problem("as-built", f"{shown_path(file)} is for the manifest {digest[:12]}..., and none {of}; give its kit as --tape")
+            Problem("as-built", f"{shown_path(file)} is for the manifest {digest[:12]}..., and none {of}; give its kit, too")
             for digest, file in self._files.items()
             if digest not in self._used
         ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import tactape_fab
 from tactape_fab import (
     AsBuilt,
     Kit,
@@ -106,6 +109,14 @@ def test_a_localizer_refuses_what_is_no_tape(tapes: Any, said: str) -> None:
     with pytest.raises(SpecError) as caught:
         Localizer(tapes)
     assert said in str(caught.value) and len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("package", ["decode", "objects", "track"])
+def test_what_python_calls_names_no_option_of_the_command_line(package: str) -> None:
+    """The command names its own in place of arguments: `cli.exits`."""
+    for path in Path(tactape_fab.__file__).parent.glob(f"sense/{package}/**/*.py"):
+        texts = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)]
+        assert not [text.value for text in texts if isinstance(text.value, str) and re.search(r"(^|\s)--[a-z]", text.value)], path
 
 
 def test_all_that_is_wrong_is_said_together() -> None:

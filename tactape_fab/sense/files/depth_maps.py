@@ -109,7 +109,7 @@ def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[Fram
                 Problem(
                     "frames",
                     f"{shown_path(file.path)} holds frames of {h} x {w} px (height x width), those of sensor "
-                    f"'{sensor.name}' are {height} x {width}; give the --sensor that took them",
+                    f"'{sensor.name}' are {height} x {width}; give another sensor",
                 )
             )
     if problems:

@@ -112,7 +112,7 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
         message = (
             f"{shown_path(path)} holds frames of {shape[0]} x {shape[1]} px (height x width), those of sensor '{sensor.name}' are"
         )
-        raise SpecError(Problem("frames", f"{message} {expected[0]} x {expected[1]}; give the --sensor that took them"))
+        raise SpecError(Problem("frames", f"{message} {expected[0]} x {expected[1]}; give another sensor"))
     return found
 
 

@@ -7,7 +7,7 @@ import json
 import secrets
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -128,7 +128,7 @@ def simulate_file(
         )
     source = "cpl" if from_cpl else Fields({"from": places}, problems=problems).text("from", choices=PLACES, default="design")
     measured = NOMINAL if source != "as-built" else as_built
-    tape = tried(lambda: Tape.load(kit, as_built=measured), problems)
+    tape = tried(partial(_tape, kit, measured), problems)
     parts = None if tape is None else tried(partial(_parts_from, source, tape, kit), problems)
     path = tried(lambda: refuse_taken_file(output), problems)
     if problems:
@@ -209,6 +209,15 @@ def _of_option(problem: Problem, keys: Mapping[str, str]) -> Problem:
         return problem
     at = f"{option}[{index}" if index else option
     return Problem(at, at + problem.message.removeprefix(problem.key))
+
+
+def _tape(kit: str | Path, measured: str | None) -> Tape:
+    """The kit's tape, without measured places where ``--from`` does not ask for them; so its remedy is another."""
+    try:
+        return Tape.load(kit, as_built=measured)
+    except SpecError as error:
+        kept = f"give as_built='{NOMINAL}'"
+        raise SpecError([replace(p, message=p.message.replace(kept, "leave out --from")) for p in error.problems]) from None
 
 
 def _parts_from(source: str, tape: Tape, kit: str | Path) -> Parts | None:

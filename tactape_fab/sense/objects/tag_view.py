@@ -28,7 +28,7 @@ def tag_of(tape: Tape) -> Tag:
     """Tag of a tape. Raises SpecError if it has no tag."""
     refuse_no_tape(tape)
     if tape.tag is None:
-        raise SpecError(Problem("tag", f"tape {tape.name} carries no tag; make it with --tag strip"))
+        raise SpecError(Problem("tag", f"tape {tape.name} carries no tag; make it with tag 'strip'"))
     return tape.tag
 
 

@@ -147,7 +147,7 @@ def refuse_ambiguous(thing: TapedObject, tapes: Sequence[Tape]) -> None:
         entry = own.get(_place(tape))
         if entry is not None and entry.tape.texture_key != tape.texture_key:
             message = f"tape {tape.name} has name, sector and origin of {shown_path(entry.kit)}, which is on the object, but "
-            problems.append(Problem("tape", f"{message}another texture; make it with another --name, or leave it out"))
+            problems.append(Problem("tape", f"{message}another texture; make it with another name, or leave it out"))
     if problems:
         raise SpecError(problems)
 
@@ -168,7 +168,7 @@ def _refuse_doubles(tapes: list[TapeOnObject], table: Fields) -> None:
             table.problem("tapes", f"{message}, which no touch tells apart; use another sector for one of them")
         elif place in places:
             message = f"tapes {shown_path(places[place])} and {shown_path(entry.kit)} have the same name, sector and origin"
-            table.problem("tapes", f"{message}, by which an answer names its tape; make one of them with another --name")
+            table.problem("tapes", f"{message}, by which an answer names its tape; make one of them with another name")
         textures[texture] = places[place] = entry.kit
 
 

@@ -119,7 +119,7 @@ def _checked(path: Path, key: str, sensor: SensorProfile) -> Path:
         (h, w), (height, width) = read_colour_header(path), sensor.frame_shape
         if (h, w) != (height, width):
             asked = f"frames of sensor '{sensor.name}' are {height} x {width} (height x width)"
-            remedy = "crop and scale it as the images of the network's calibration were, or give another --sensor"
+            remedy = "crop and scale it as the images of the network's calibration were, or give another sensor"
             raise SpecError(f"it is {h} x {w} px, {asked}; {remedy}")
     return path
 

@@ -150,7 +150,7 @@ def parts_from_cpl(source: str | Path | bytes, expected: Sequence[str] | None = 
     foreign = [name for name in cpl.designators if known is not None and name not in known]
     if foreign and not problems:
         message = f"cpl names {shown(foreign[0])}, which is no part of the tape ({len(foreign)} of {len(cpl.designators)})"
-        problems.append(Problem("cpl", f"{message}; write the file again, or leave out --from cpl"))
+        problems.append(Problem("cpl", f"{message}; write the file again, or give that of this tape"))
     if not seen and not problems:
         problems.append(Problem("cpl", "cpl names no part; write it again"))
     if len(cpl.lines) >= MOST_POINTS:

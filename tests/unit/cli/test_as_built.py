@@ -69,7 +69,7 @@ def test_a_file_elsewhere_is_taken_in_place_of_the_kits_own(kit: Path) -> None:
         ("decode frames.npz --tape kit --as-built nothing.json", "nothing.json cannot be read"),
         ("decode frames.npz --tape kit --as-built none --as-built kit", "give either none or the files"),
         ("decode frames.npz --tape kit --as-built other.json", "and none of tactape-s007 has"),
-        ("decode frames.npz --code microdots-4x4 --as-built kit", "none is there; give its kit as --tape"),
+        ("decode frames.npz --code microdots-4x4 --as-built kit", "none is there; give its kit, too"),
         ("simulate kit -o frames.npz --from nowhere", "from = 'nowhere' is none of"),
         ("simulate kit -o frames.npz --from as-built --from-cpl", "give one of them"),
         ("simulate kit -o frames.npz --as-built other.json", "add --from as-built"),
@@ -92,10 +92,12 @@ def test_what_is_refused(kit: Path, args: str, said: str) -> None:
 def test_a_file_of_another_kit_is_refused_by_all_who_load_it(kit: Path) -> None:
     built = AsBuilt.load(kit).to_mapping() | {"manifest_sha256": "1" * 64}
     (kit / "as-built.json").write_text(json.dumps(built))
-    with pytest.raises(SpecError, match="another kit"):
-        Tape.load(kit)
-    with pytest.raises(SpecError, match="another kit"):
-        read_tapes([kit])
+    for load in (lambda: Tape.load(kit), lambda: read_tapes([kit])):
+        with pytest.raises(SpecError, match=r"another kit; .*; measure this tape, or give as_built='none' for the places of"):
+            load()
+    np.savez("frames.npz", depth=np.zeros((240, 320), dtype=np.float32))
+    assert "or give --as-built none for the places of the design" in run("decode frames.npz --tape kit").stderr
+    assert "or leave out --from for the places of the design" in run("simulate kit -o new.npz --from as-built").stderr
     assert Tape.load(kit, as_built="none").as_built is None
 
 

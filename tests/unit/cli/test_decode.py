@@ -331,7 +331,7 @@ def test_a_bare_code_is_refused_with_a_word(frames: Path, options: str, words: s
         ("--w 1.5 --delta 0.25", "--w, --delta and --tape"),
         ("--world flat", "world = 'flat'"),
         ("--method best", "method = 'best'"),
-        ("--sensor digit", "320 x 240"),
+        ("--sensor digit", "are 320 x 240; give another --sensor"),
         ("--sensor my.toml", "my.toml"),
     ],
 )

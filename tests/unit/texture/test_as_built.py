@@ -273,7 +273,7 @@ def test_places_belong_to_one_kit(tmp_path: Path) -> None:
         (problem,) = built.problems_for(name, "1" * 64, 9)
         assert problem.message == (
             f"manifest_sha256 = {digest[:12]}... is that of another kit{of}; the manifest of {name} has {'1' * 12}...; "
-            "measure this tape, or leave the file out: --as-built none, or no --from"
+            "measure this tape, or give as_built='none' for the places of the design"
         )
 
 
@@ -333,7 +333,7 @@ def test_what_has_the_name_of_the_places_and_is_none_is_refused(tmp_path: Path, 
     else:
         os.mkfifo(file)
     said = {"link": "a link to nothing", "folder": "a folder", "fifo": "no regular file"}[kind]
-    with pytest.raises(SpecError, match=rf"as-built\.json is {said}, .*; remove it, or give --as-built none"):
+    with pytest.raises(SpecError, match=rf"as-built\.json is {said}, .*; remove it, or give as_built='none' for"):
         as_built_of(manifest, "t", 9)
     assert as_built_of(manifest, "t", 9, "none") is None
 
@@ -342,7 +342,9 @@ def test_a_tape_without_any_part_is_refused(tmp_path: Path) -> None:
     manifest = tmp_path / "manifest.json"
     manifest.write_text(json.dumps({"name": "t"}))
     bare = places(number=np.arange(1, 6), present=np.zeros(5, dtype=bool), manifest_sha256=manifest_digest(manifest))
-    with pytest.raises(SpecError, match=r"present is false for all 5 parts of t, .*; measure this tape again, or leave"):
+    with pytest.raises(
+        SpecError, match=r"present is false for all 5 parts of t, .*; measure this tape again, or give as_built='none'"
+    ):
         as_built_of(manifest, "t", 5, bare)
     assert as_built_of(manifest, "t", 6, bare) is bare
 

@@ -154,10 +154,10 @@ def test_measured_places_are_those_given_those_beside_the_kit_or_none(tmp_path: 
     six = [kit(tmp_path / f"more-{n}", n) for n in range(10, 16)]
     assert "none of tape-10, tape-11, tape-12, tape-13, tape-14 has" in messages(*six, as_built=(files[0],))[0]
     assert messages(one, as_built=("none", files[0])) == [
-        "--as-built none is given together with files; give either none or the files"
+        "as_built = none is given together with files; give either none or the files"
     ]
     (first, second) = messages(tmp_path / "nothing", as_built=(files[0],))
-    assert "is no kit" in first and "and none is there; give its kit as --tape" in second
+    assert "is no kit" in first and "and none is there; give its kit, too" in second
 
 
 def test_a_label_has_its_path_where_a_name_is_not_enough(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
     if image.shape != expected:
         raise FrameError(
             f"a frame of shape {image.shape} is none of sensor '{sensor.name}', whose frames are {expected[0]} x "
-            f"{expected[1]} (h, w); give another --sensor"
+            f"{expected[1]} (h, w); give another sensor"
         )
     low, high = _span(image)
     if image.dtype != frame.dtype and not _SMALL <= max(abs(low), abs(high)) < np.inf:

@@ -55,7 +55,7 @@ def _union(first: Tape, other: Tape) -> Tape:
     if first.as_built is not other.as_built:
         message = (
             f"{first.name} and {other.name} have one texture, so a touch cannot tell which of them was measured; "
-            "give only the one that is touched, or --as-built none"
+            "give only the one that is touched, or read both with as_built='none'"
         )
         raise SpecError(Problem("as-built", message))
     columns, rows = max(first.columns, other.columns), max(first.rows, other.rows)

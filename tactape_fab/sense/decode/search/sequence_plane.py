@@ -27,7 +27,7 @@ class SequencePlane(CodePlane):
 
     def __init__(self, code: PlaneCode, most_cells: int) -> None:
         if code.range > MOST_RANGE:
-            message = f"code = '{code.name}' has {code.range} columns, too many to search without a tape; give --tape KIT"
+            message = f"code = '{code.name}' has {code.range} columns, too many to search without a tape; give its kit"
             raise SpecError(Problem("code", message))
         super().__init__(code)
         self.main = np.array(code.main.digits, dtype=np.int64)
