@@ -77,7 +77,7 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
     x_mm, y_mm = fix.board_mm or (fix.position_mm[0], -fix.position_mm[1])
     half = radians(fix.theta_deg) / 2
     return {
-        "header": _header(stamp, fix.tape if frame_id is None else frame_id),
+        "header": header(stamp, fix.tape if frame_id is None else frame_id),
         "pose": {
             "pose": {
                 "position": {"x": x_mm * _MM_TO_M, "y": y_mm * _MM_TO_M, "z": 0.0},
@@ -167,7 +167,7 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     image = np.ascontiguousarray(sensor.canonical(metres), dtype="<f4")
     height, width = image.shape
     return {
-        "header": _header(stamp, sensor.name if frame_id is None else frame_id),
+        "header": header(stamp, sensor.name if frame_id is None else frame_id),
         "height": height,
         "width": width,
         "encoding": "32FC1",
@@ -204,7 +204,8 @@ def text_message(frame: int, fix: Localization, thing: TapedObject | None = None
     return {"data": json.dumps({**fix_json(frame, fix), **more}, allow_nan=False)}
 
 
-def _header(stamp: int, frame_id: str) -> dict[str, Any]:
+def header(stamp: int, frame_id: str) -> dict[str, Any]:
+    """A std_msgs/Header with a time in ns. Raises SpecError if that is no whole number."""
     refuse_other(stamp, Integral, "stamp", "whole number of ns", "the capture time, such as time.time_ns()")
     seconds, nanoseconds = divmod(stamp, _NS)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}

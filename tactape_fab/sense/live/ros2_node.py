@@ -15,7 +15,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.sense.files.image_message import depth_of
 from tactape_fab.sense.files.jobs import prepare_without_frames
 from tactape_fab.sense.live.counts import Tally
-from tactape_fab.sense.live.messages import pose_message, text_message, transform_message
+from tactape_fab.sense.live.messages import header, pose_message, text_message, transform_message
 from tactape_fab.sense.live.sources import Frame, Trouble
 from tactape_fab.sense.live.watch import Watch, watch
 
@@ -197,7 +197,7 @@ class _Served:
         self._send(self._health, self._ros.diagnostics, self._health_message(now))
 
     def _health_message(self, now_ns: int) -> dict[str, Any]:
-        tally, seconds = self._tally, divmod(now_ns, _NS)
+        tally = self._tally
         fresh, self._answered = tally.answered - self._answered, tally.answered
         level, said = (_OK, f"{fresh} answers in the last second") if fresh else (_STALE, "no depth image in the last second")
         if tally.unusable or tally.troubles:
@@ -218,7 +218,7 @@ class _Served:
             "hardware_id": self._sensor_frame,
             "values": [{"key": key, "value": str(value)} for key, value in values.items()],
         }
-        return {"header": {"stamp": {"sec": seconds[0], "nanosec": seconds[1]}}, "status": [status]}
+        return {"header": header(now_ns, ""), "status": [status]}
 
 
 def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:

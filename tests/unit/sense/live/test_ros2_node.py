@@ -253,6 +253,7 @@ def test_a_located_image_is_published_three_ways(default_kit: Kit, monkeypatch: 
     assert (transform.transform.translation.x, transform.transform.translation.y) == (at.x, at.y)
     assert transform.transform.rotation.w == pose.pose.pose.orientation.w != 1.0
     assert 0.0 < pose.pose.covariance[0] < 1e-8 and pose.pose.covariance[14] == UNMEASURED
+    assert (stamp_of(health.header), health.header.frame_id) == (node.now_ns, "")
     (status,) = health.status
     values = {entry.key: entry.value for entry in status.values}
     assert (status.level, values["answered"], values["located"], values["dropped"]) == (0, "1", "1", "0")
