@@ -29,7 +29,7 @@ from tests.bench.localization_rows import ROWS, frames_of, registered_tape
 from tests.bench.marks import write_between
 
 STAGES = {
-    "input": ("localizer", "canonical_frame"),
+    "input": ("localizer", "canonical_depths"),
     "dots": ("localizer", "frame_dots"),
     "rim": ("localizer", "settled"),
     "grid": ("rank", "_fits"),

@@ -25,7 +25,7 @@ from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.frame_dots import frame_dots
-from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
+from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_depths, dot_numbers
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.sense.decode.grid.long_parts import drawn_px
@@ -314,8 +314,10 @@ class Localizer:
         """
         start = perf_counter()
         self._refuse_prior(prior)
-        image = canonical_frame(depth, self.sensor)
+        image, as_came = canonical_depths(depth, self.sensor)
         found = self._by_paper(image) if self._method == "paper" else self._locate(self._detected(image), prior, image)
+        if not as_came and found.contact is not None:  # no depth is a millimetre then
+            found = replace(found, contact=None)
         return _stamped(found, start, timestamp)
 
     def locate_dots(

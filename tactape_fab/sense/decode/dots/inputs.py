@@ -21,9 +21,14 @@ _SMALL = 1e-30
 
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
-    """A frame as the canonical image; NaN, infinite, masked and hidden values become what is beside them.
+    """The image of `canonical_depths`."""
+    return canonical_depths(depth, sensor)[0]
 
-    Hidden are those that the sensor's mask leaves out.
+
+def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.NDArray[np.float32], bool]:
+    """A frame as the canonical image, and whether its depths are as they came, not scaled.
+
+    NaN, infinite, masked and hidden values become what is beside them; hidden are those that the sensor's mask leaves out.
 
     It is the frame's own memory where nothing has to be changed: only to be read.
 
@@ -48,9 +53,10 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
             f"a frame of shape {image.shape} is none of sensor '{sensor.name}', whose frames are {expected[0]} x "
             f"{expected[1]} (h, w); give another sensor"
         )
-    low, high = _span(image)
+    (low, high), as_came = _span(image), True
     if image.dtype != frame.dtype and not _SMALL <= max(abs(low), abs(high)) < np.inf:
-        image = _fitted(frame, image)
+        unscaled, image = image, _fitted(frame, image)
+        as_came = image is unscaled
         low, high = _span(image)
     whole = isfinite(low) and isfinite(high)
     if not whole or sensor.mask is not None:
@@ -60,8 +66,8 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
     if high == low:
         image = np.zeros_like(image)
     elif max(abs(low), abs(high)) > LARGE or high - low < 1.0 / LARGE:
-        image = ((image.astype(np.float64) - low) / (high - low)).astype(np.float32)
-    return np.ascontiguousarray(sensor.canonical(image))
+        image, as_came = ((image.astype(np.float64) - low) / (high - low)).astype(np.float32), False
+    return np.ascontiguousarray(sensor.canonical(image)), as_came
 
 
 def _holes(image: npt.NDArray[np.float32], whole: bool, sensor: SensorProfile) -> Holes:

@@ -110,6 +110,15 @@ def test_holes_are_filled(localizer: Localizer, depth: npt.NDArray[np.float32]) 
     assert is_near(localizer.locate(frame), *POSE, mm=0.02, deg=0.3)
 
 
+@pytest.mark.parametrize("factor", [1e10, 1e40, 1e-12, 1e-40])
+def test_depths_that_have_to_be_scaled_say_nothing_of_the_contact(localizer: Localizer, factor: float) -> None:
+    depth = simulate(TAPE, *POSE, seed=4).astype(np.float64)
+    usual, fix = localizer.locate(depth), localizer.locate(depth * factor)
+    assert usual.contact is not None and usual.tilt_deg is not None and usual.indentation_mm is not None
+    assert fix.located and is_near(fix, *POSE, mm=0.02, deg=0.3)
+    assert (fix.contact, fix.tilt_deg, fix.indentation_mm, fix.force_n) == (None, None, None, None)
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -np.inf, 1e38, -3.0])
 def test_a_frame_of_one_value_has_no_dots(localizer: Localizer, value: float) -> None:
     fix = localizer.locate(np.full((240, 320), value, dtype=np.float32))
