@@ -20,7 +20,7 @@ _SHOWN_PATH = 200
 def shown(value: object) -> str:
     """A value as text for a message: one short line."""
     try:
-        text = repr(value)
+        text = re.sub(r"\s*\n\s*", " ", repr(value))  # as arrays have
     except ValueError:  # an integer of thousands of digits (sys.int_info)
         text = f"<{type(value).__name__} too long to show>"
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."

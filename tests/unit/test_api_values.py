@@ -373,3 +373,25 @@ def test_a_network_s_path_is_no_network(tmp_path: Path) -> None:
 
 def test_a_tape_loads_from_a_folder_or_a_manifest(small_kit: Kit) -> None:
     assert Tape.load(small_kit.path).name == Tape.load(str(small_kit.path / "manifest.json")).name == small_kit.tape.name
+
+
+@pytest.mark.parametrize("array", [np.array([1e-6, 1e-5]), np.array([True, False]), np.zeros((2, 2))])
+@pytest.mark.parametrize(
+    ("key", "call"),
+    [
+        ("max_p_false", lambda array: Localizer(TAPE, max_p_false=array)),
+        ("world", lambda array: Localizer(TAPE, world=array)),
+        ("fixed_scale", lambda array: Localizer(TAPE, fixed_scale=array)),
+        ("kappa", lambda array: Localizer.from_code("microdots-4x4", 1.5, 0.25, kappa=array)),
+        ("scene.mirrored_tape", lambda array: simulate(TAPE, (1.0, 2.0), 3.0, mirrored_tape=array)),
+        ("edge", lambda array: draw_poses(TAPE, 1, edge=array)),
+        ("rate", lambda array: LiveSensor("f.npz", ["k7"], rate=array)),
+        ("background", lambda array: LiveSensor("f.npz", ["k7"], background=array)),
+        ("weights", lambda array: LiveSensor("f.npz", ["k7"], weights=array)),
+        ("force", lambda array: list_tapes({"sectors": "1", "pitch_mm": 0.9}, {}, Path(), force=array)),
+    ],
+)
+def test_an_array_is_no_option(key: str, call: Callable[[Any], object], array: Any) -> None:
+    """One line that names the key, also of an array of several rows."""
+    with pytest.raises(SpecError, match=rf"(?m)^{key} = array\(.*; give "):
+        call(array)

@@ -105,7 +105,8 @@ def list_tapes(
     folder = as_path(folder, "folder", "the folder for the kits")
     of_workers: list[Problem] = []
     chosen = checked_workers(workers, of_workers)
-    refuse_other(packed, bool, "packed", "bool", "True or False")
+    for key, flag in (("force", force), ("packed", packed)):
+        refuse_other(flag, bool, key, "bool", "True or False")
     entries, of_list = read_list(values, options)
     tally = _Tally(packed=packed)
     for entry in entries:

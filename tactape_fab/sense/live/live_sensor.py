@@ -68,6 +68,9 @@ class LiveSensor:
         world: str = "open",
         max_p_false: float = 1e-4,
     ) -> None:
+        for key, path in (("background", background), ("weights", weights)):
+            if path is not None:
+                as_path(path, key, "the path of a file")
         wishes = Wishes(rate=rate, raw=raw, background=background, weights=weights, crop=crop)
         source = str(as_path(source, "source", "a folder, a file of frames, a camera or - for standard input"))
         given = [kits] if isinstance(kits, str | PathLike) or not isinstance(kits, Iterable) else kits

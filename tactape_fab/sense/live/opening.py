@@ -125,7 +125,7 @@ def _opened(
 def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None, float | None, Crop | None]:
     table = Fields({"rate": wishes.rate, "idle": wishes.idle, "crop": wishes.crop}, problems=problems)
     rate_hz = None
-    if wishes.rate == "max":
+    if isinstance(wishes.rate, str) and wishes.rate == "max":
         rate_hz = float("inf")
     elif wishes.rate is not None:
         rate_hz = table.number("rate", above=0.0, high=MOST_HZ, unit="Hz", remedy="give a number of Hz, or max", default=1.0)
