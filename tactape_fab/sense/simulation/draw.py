@@ -264,6 +264,11 @@ def draw_poses(
     -------
     ndarray, shape (count, 3)
         x mm, y mm (texture frame), theta deg in (-180, 180].
+
+    Raises
+    ------
+    SpecError
+        For an invalid tape, count, seed, sensor, scene or edge.
     """
     profile, scene = _given(tape, sensor, scene)
     if problems := edge_problems(edge, None):

@@ -163,7 +163,7 @@ def test_an_origin_is_refused_with_the_reason(origin: Any) -> None:
 
 
 def test_there_is_no_plane_to_ask_for() -> None:
-    with pytest.raises(SpecError, match=r"'touch-1' has no code plane.*--tape"):
+    with pytest.raises(SpecError, match=r"'touch-1' has no code plane.*name the tape's kit$"):
         get_plane(TOUCH_CODE)
 
 
