@@ -25,7 +25,7 @@ import numpy.typing as npt
 from tactape_fab import Localizer
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.sense import Scene
-from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.decode.settings import World
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.localization_accuracy import tag_detector, tag_frames
 from tests.bench.localization_rows import Row, frames_of, registered_tape

@@ -16,7 +16,7 @@ import numpy as np
 
 from tactape_fab import Localization, Localizer, Tape
 from tactape_fab.sense import Parts, Scene, load_sensor, simulate
-from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.decode.settings import World
 from tactape_fab.sense.simulation.dot_errors import Dots
 from tactape_fab.sense.simulation.parts import parts_of
 from tactape_fab.texture.frames import FloatArray

@@ -16,13 +16,13 @@ from tactape_fab.sense import Frame
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
-from tactape_fab.sense.decode.localizer import World
 from tactape_fab.sense.decode.paper import locate_paper
 from tactape_fab.sense.decode.rank import Reading
 from tactape_fab.sense.decode.result import status_of
 from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, trusted
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.search import search
+from tactape_fab.sense.decode.settings import World
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tests.bench.localization_rows import COUNT, FELT, Row, frames_of, registered_tape, tapes_of
 

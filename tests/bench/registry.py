@@ -25,7 +25,7 @@ import numpy as np
 from tactape_fab import Localizer, Tape, TapeSpec, default_origin
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Scene, iterate_frames
-from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.decode.settings import World
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.packed import pack
 from tactape_fab.texture.plane import encode

@@ -23,7 +23,7 @@ import numpy as np
 
 from tactape_fab import Localizer, Tape
 from tactape_fab.sense import Scene, iterate_frames
-from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.decode.settings import World
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.touch.design import design

@@ -14,7 +14,7 @@ from time import process_time
 
 from tactape_fab import Localizer, Tape
 from tactape_fab.sense import Scene, iterate_frames
-from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.decode.settings import World
 from tactape_fab.texture.touch.design import HIGHER_RUNGS, RUNGS, Rung, design
 from tactape_fab.texture.touch.patches import patch_distances
 from tests.bench.localization_measure import is_right

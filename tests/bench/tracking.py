@@ -11,7 +11,7 @@ import numpy as np
 
 from tactape_fab import Localization, Localizer, Tape, Tracker
 from tactape_fab.sense import Frame, Scene
-from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.decode.settings import World
 from tactape_fab.sense.simulation.draw import frame_at
 from tactape_fab.texture.certify.certificate import SIDES, closest
 from tactape_fab.texture.certify.pairs import across

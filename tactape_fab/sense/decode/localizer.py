@@ -10,7 +10,7 @@ from math import pi
 from numbers import Real
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +41,7 @@ from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import Prior
 from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
 from tactape_fab.sense.decode.search.trace_plane import TracePlane
-from tactape_fab.sense.decode.settings import given_settings, setting_problems
+from tactape_fab.sense.decode.settings import Method, World, given_settings, setting_problems
 from tactape_fab.sense.decode.warm import announce, rehearse
 from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
@@ -52,9 +52,6 @@ from tactape_fab.texture.plane import Plane, PlaneCode, encode
 from tactape_fab.texture.registry import TapeLike, as_tapes
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.trace import TraceCode
-
-World = Literal["open", "closed"]
-Method = Literal["ml", "paper"]
 
 
 def _is_number(value: object) -> bool:
@@ -136,9 +133,11 @@ class Localizer:
             "max_p_false": max_p_false,
             "max_p_tape": max_p_tape,
             "world": world,
+            "unregistered_share": unregistered_share,
             "kappa": kappa,
+            "fixed_scale": fixed_scale,
+            "refine": refine,
         }
-        settings |= {"unregistered_share": unregistered_share, "fixed_scale": fixed_scale, "refine": refine}
         problems += setting_problems(given_settings(settings))
         if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal, get_args
 
 from tactape_fab.base.errors import Problem
 from tactape_fab.base.fields import Fields, shown
+from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.decode.rule import KAPPA, MAX_P_FALSE, UNREGISTERED_SHARE
+
+World = Literal["open", "closed"]
+Method = Literal["ml", "paper"]
 
 USUAL: Mapping[str, Any] = {
     "method": "ml",
@@ -35,8 +39,8 @@ def setting_problems(given: Mapping[str, Any], *, code: str | None = None) -> li
     code: The code that is searched without tapes.
     """
     table = Fields({"fixed_scale": False, "kappa": KAPPA, **given})
-    method, world = table.choice("method", ("ml", "paper")), table.choice("world", ("open", "closed"))
-    table.choice("refine", ("dots", "pixels"))
+    method, world = table.choice("method", get_args(Method)), table.choice("world", get_args(World))
+    table.choice("refine", get_args(Refined))
     for name in (name for name in _SHARES if name in given):
         table.number(name, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
     table.number("kappa", low=1.0, high=1e300, unit="", remedy="give the least lead over any rival, such as 30")

@@ -15,9 +15,9 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Frame, Parts, Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.fit import fit_grid
-from tactape_fab.sense.decode.localizer import Method
 from tactape_fab.sense.decode.search.built_places import _fitted, _Places, _said, _weighed, built_of
 from tactape_fab.sense.decode.search.hypotheses import distinct
+from tactape_fab.sense.decode.settings import Method
 from tactape_fab.texture.code import TOUCH_CODE
 from tests.measured import measured
 
