@@ -22,6 +22,8 @@ _KEY = re.compile(
 """A key of the package in a message, with the value of a flag or a list."""
 _ARGUMENT = re.compile(r"(?<= )(\w+)=(?:'([\w-]+)'|([\w.-]+))|(?<=give another )(\w+)")
 """An argument that a remedy names as Python has it, ``world='open'``, with its value."""
+_KITS = re.compile(r"(?:name the tape's|give (?:its|the)) kits?\b(?! that)")
+"""The kits that a remedy asks for, which are arguments of their own in Python."""
 _PART = "\0"
 """Behind the whole value that was typed, where a message is of a part of it: ``--size = '0x50': 0 mm is not above 0 mm``."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
@@ -69,7 +71,7 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
 
 
 def _with_options(line: str) -> str:
-    """A message with the command's options in place of arguments that its remedy names: ``--world open``."""
+    """A message with options in place of arguments that its remedy names: ``--world open``; kits by ``--tape``."""
     context = click.get_current_context(silent=True)
     names = [option.lstrip("-") for p in (context.command.params if context else ()) for option in p.opts]
 
@@ -78,7 +80,8 @@ def _with_options(line: str) -> str:
         value = found[2] or found[3]
         return found[0] if name not in names else f"--{name} {value}" if value else f"--{name}"
 
-    return _ARGUMENT.sub(option, line)
+    line = _ARGUMENT.sub(option, line)
+    return _KITS.sub(r"\g<0> with --tape", line) if "tape" in names else line
 
 
 def _as_in_file(problem: Problem, typed: Mapping[str, tuple[str, Any]]) -> str:

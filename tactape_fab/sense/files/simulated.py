@@ -117,7 +117,7 @@ def simulate_file(
     whole_seed = table.integer("seed", low=0, high=2**64 - 1)
     remedy = f"give X,Y,THETA in mm and degrees, such as 20,12,30, each from {-FARTHEST_MM:g} to {FARTHEST_MM:g}"
     at = table.numbers("pose", 3, low=-FARTHEST_MM, high=FARTHEST_MM, unit="", remedy=remedy) if pose is not None else None
-    problems = table.problems + edge_problems(edge, pose)
+    problems = table.problems + edge_problems(edge, pose, "--pose")
     how = tried(lambda: _scene(scene), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
     if from_cpl and places not in ("design", "cpl"):

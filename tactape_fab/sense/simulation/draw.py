@@ -359,11 +359,11 @@ def _given(tape: object, sensor: object, scene: object, options: Mapping[str, An
     return profile, meant
 
 
-def edge_problems(edge: object, poses: object) -> list[Problem]:
-    """Problems of `edge`: it is no flag, or there are poses (None for none) that it would spread."""
+def edge_problems(edge: object, poses: object, name: str = "poses") -> list[Problem]:
+    """Problems of `edge`: it is no flag, or there are poses, by a name, that it would spread; None: none are given."""
     table = Fields({"edge": edge})
     if table.flag("edge") and poses is not None:
-        table.problem("edge", "edge = True spreads poses, and poses are given; leave it out, or the poses")
+        table.problem("edge", f"edge = True spreads poses, and poses are given; leave it out, or {name}")
     return table.problems
 
 

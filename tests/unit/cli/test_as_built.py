@@ -69,7 +69,7 @@ def test_a_file_elsewhere_is_taken_in_place_of_the_kits_own(kit: Path) -> None:
         ("decode frames.npz --tape kit --as-built nothing.json", "nothing.json cannot be read"),
         ("decode frames.npz --tape kit --as-built none --as-built kit", "give either none or the files"),
         ("decode frames.npz --tape kit --as-built other.json", "and none of tactape-s007 has"),
-        ("decode frames.npz --code microdots-4x4 --as-built kit", "none is there; give its kit, too"),
+        ("decode frames.npz --code microdots-4x4 --as-built kit", "none is there; give its kit with --tape, too"),
         ("simulate kit -o frames.npz --from nowhere", "from = 'nowhere' is none of"),
         ("simulate kit -o frames.npz --from as-built --from-cpl", "give one of them"),
         ("simulate kit -o frames.npz --as-built other.json", "add --from as-built"),

@@ -119,7 +119,7 @@ def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None
         ("--seed -1", "seed = -1"),
         ("--pose 1,2", "--pose = '1,2'"),
         ("--pose 1,2,nan", "--pose = '1,2,nan': nan is not a finite number"),
-        ("--pose 1,2,3 --edge", "--edge spreads poses, and poses are given; leave it out"),
+        ("--pose 1,2,3 --edge", "--edge spreads poses, and poses are given; leave it out, or --pose"),
         ("--contact 0x0", "--contact"),
         ("--contact round", "--contact = 'round'"),
         ("--contact 5x5 --cylinder 10", "cylinder and contact"),

@@ -119,7 +119,7 @@ def test_what_needs_a_plane_is_refused_with_the_reason(tmp_path: Path) -> None:
         Localizer.from_code(TOUCH_CODE, 1.5, 0.25)
     np.save(tmp_path / "f.npy", np.zeros((240, 320), dtype=np.float32))
     for command, said in (
-        (["decode", str(tmp_path / "f.npy"), "--code", "touch-1"], "name the tape's kit"),
+        (["decode", str(tmp_path / "f.npy"), "--code", "touch-1"], "name the tape's kit with --tape"),
         (["certify", "--code", "touch-1"], "each is designed; name their kits"),
         (["check", "--sector", "1", "--code", "touch-1", "--size", "30x20", "--origin", "best"], "leave --origin out"),
     ):

@@ -316,7 +316,7 @@ def test_importing_the_simulator_loads_no_library_of_weight() -> None:
 
 
 def test_poses_that_are_given_are_not_spread_along_the_edge(tape: Tape) -> None:
-    with pytest.raises(SpecError, match=r"^edge = True spreads poses, and poses are given; leave it out, or the poses$"):
+    with pytest.raises(SpecError, match=r"^edge = True spreads poses, and poses are given; leave it out, or poses$"):
         simulate_frames(tape, 1, poses=[(20.0, 12.0, 0.0)], edge=True)
 
 
