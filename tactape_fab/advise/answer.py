@@ -324,7 +324,8 @@ def _located(
     A contact's lots depend on its number alone.
     """
     from tactape_fab.sense.decode.localizer import Localizer
-    from tactape_fab.sense.simulation.draw import draw_poses, frame_at
+    from tactape_fab.sense.simulation.draw import frame_at
+    from tactape_fab.sense.simulation.drawn_poses import draw_poses
     from tactape_fab.sense.simulation.scene import Scene
 
     assert line.least_mm is not None

@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     from tactape_fab.sense.sensors import load_sensor as load_sensor
     from tactape_fab.sense.simulation.draw import Frame as Frame
     from tactape_fab.sense.simulation.draw import Frames as Frames
-    from tactape_fab.sense.simulation.draw import draw_poses as draw_poses
     from tactape_fab.sense.simulation.draw import iterate_frames as iterate_frames
     from tactape_fab.sense.simulation.draw import simulate as simulate
     from tactape_fab.sense.simulation.draw import simulate_frames as simulate_frames
+    from tactape_fab.sense.simulation.drawn_poses import draw_poses as draw_poses
     from tactape_fab.sense.simulation.elastic_contact import ElasticContact as ElasticContact
     from tactape_fab.sense.simulation.elastic_forces import simulate_forces as simulate_forces
     from tactape_fab.sense.simulation.parts import Parts as Parts
@@ -69,7 +69,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.objects.tag_pose": "TagPose",
         "sense.raw.reconstruct": "Network Reconstruction load_network make_reconstruction",
         "sense.sensors": "SensorProfile load_sensor",
-        "sense.simulation.draw": "Frame Frames draw_poses iterate_frames simulate simulate_frames",
+        "sense.simulation.draw": "Frame Frames iterate_frames simulate simulate_frames",
+        "sense.simulation.drawn_poses": "draw_poses",
         "sense.simulation.elastic_contact": "ElasticContact",
         "sense.simulation.elastic_forces": "simulate_forces",
         "sense.simulation.parts": "Parts parts_from_cpl",

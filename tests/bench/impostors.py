@@ -10,8 +10,8 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.sense import Parts, Scene, SensorProfile
 from tactape_fab.sense.sensors import as_sensor
+from tactape_fab.sense.simulation.arguments import checked_seed
 from tactape_fab.sense.simulation.contact import pixels_mm
-from tactape_fab.sense.simulation.draw import checked_seed
 from tactape_fab.sense.simulation.gel import FloatImage, press
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE
 from tactape_fab.sense.simulation.true_camera import true_camera

@@ -25,7 +25,8 @@ from tactape_fab import Localizer, TapeSpec
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.make.kit import make_examined
-from tactape_fab.sense.simulation.draw import draw_poses, frame_at
+from tactape_fab.sense.simulation.draw import frame_at
+from tactape_fab.sense.simulation.drawn_poses import draw_poses
 from tests.bench.localization_rows import SEED, registered_tape
 from tests.bench.workers import workers
 

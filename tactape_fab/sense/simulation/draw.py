@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,23 +10,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, tried
-from tactape_fab.base.fields import Fields
-from tactape_fab.sense.sensors import SensorProfile, as_sensor
+from tactape_fab.base.errors import SpecError
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.simulation.arguments import checked_poses, checked_seed, edge_problems, profile_and_scene
 from tactape_fab.sense.simulation.contact import contact_outline_mm, imprint, inside_mm
+from tactape_fab.sense.simulation.drawn_poses import draw_poses
 from tactape_fab.sense.simulation.elastic import imprint_of
 from tactape_fab.sense.simulation.gel import BUMP_FOOT_MM, BUMP_HEIGHT, FloatImage, press, relief_of, sensed
 from tactape_fab.sense.simulation.gel_displacement import displacement_um, displacements
 from tactape_fab.sense.simulation.parts import Parts, as_parts, scattered
-from tactape_fab.sense.simulation.scene import Scene, as_scene
+from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.sense.simulation.view import View, make_view
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.tape import Tape, refuse_no_tape
-
-MOST_FRAMES = 1_000_000
-_OVERHANG = (-0.2, 0.9)
-_GOLDEN = 1.2207440846057596  # the real root of x**4 = x + 1: its powers spread points in three dimensions evenly
-_RECURRENCE = np.array([1 / _GOLDEN, 1 / _GOLDEN**2, 1 / _GOLDEN**3])
+from tactape_fab.texture.tape import Tape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,7 +125,7 @@ def simulate(
     SpecError
         For an invalid pose, option, part or sensor.
     """
-    profile, scene = _given(tape, sensor, scene, options)
+    profile, scene = profile_and_scene(tape, sensor, scene, options)
     view = make_view(tape, position_mm, theta_deg, profile, scene)
     return _frame(view, as_parts(tape, parts), np.random.SeedSequence(checked_seed(seed))).depth
 
@@ -169,10 +165,10 @@ def iterate_frames(
     SpecError
         As `simulate`, and for poses of another shape; on the first frame asked for.
     """
-    profile, scene = _given(tape, sensor, scene)
+    profile, scene = profile_and_scene(tape, sensor, scene)
     if problems := edge_problems(edge, poses):
         raise SpecError(problems)
-    drawn = draw_poses(tape, count, seed, profile, scene, edge=edge) if poses is None else _checked_poses(poses, count)
+    drawn = draw_poses(tape, count, seed, profile, scene, edge=edge) if poses is None else checked_poses(poses, count)
     standing = as_parts(tape, parts)
     for k, pose in enumerate(drawn):
         yield _frame(make_view(tape, pose[:2], float(pose[2]), profile, scene), standing, _stream(seed, k))
@@ -187,7 +183,7 @@ def frame_at(
     scene: Scene | None = None,
 ) -> Frame:
     """Frame `number` of `iterate_frames` with this pose; it raises the same errors."""
-    profile, scene = _given(tape, sensor, scene)
+    profile, scene = profile_and_scene(tape, sensor, scene)
     view = make_view(tape, pose[:2], float(pose[2]), profile, scene)
     return _frame(view, as_parts(tape, None), _stream(seed, number))
 
@@ -239,74 +235,6 @@ def simulate_frames(
     )
 
 
-def draw_poses(
-    tape: Tape,
-    count: int,
-    seed: int = 0,
-    sensor: str | Path | SensorProfile = "gelsight-mini",
-    scene: Scene | None = None,
-    *,
-    edge: bool = False,
-) -> FloatArray:
-    """Poses that cover a tape evenly: an additive recurrence in position and angle, shifted by the seed.
-
-    Parameters
-    ----------
-    tape, sensor, scene
-        As in `simulate`.
-    count, seed : int
-        Pose k is the same whatever `count` is.
-    edge : bool
-        False: the contact lies fully over the grid if the grid is large enough; else its centre is over the grid's.
-        True: the contact's centre is near the grid's outline, from 0.9 of its half width inside to 0.2 outside.
-
-    Returns
-    -------
-    ndarray, shape (count, 3)
-        x mm, y mm (texture frame), theta deg in (-180, 180].
-
-    Raises
-    ------
-    SpecError
-        For an invalid tape, count, seed, sensor, scene or edge.
-    """
-    profile, scene = _given(tape, sensor, scene)
-    if problems := edge_problems(edge, None):
-        raise SpecError(problems)
-    _check_count(count)
-    shift = np.random.Generator(np.random.PCG64(np.random.SeedSequence(checked_seed(seed), spawn_key=(0, 2)))).random(3)
-    share = (shift + np.outer(np.arange(1, count + 1), _RECURRENCE)) % 1.0
-    theta_deg = 180.0 - 360.0 * share[:, 2]
-    view = make_view(tape, (0.0, 0.0), 0.0, profile, scene)
-    c, s = np.cos(np.radians(theta_deg)), np.sin(np.radians(theta_deg))
-    turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # for rows of points: points @ turn
-    outline = contact_outline_mm(scene, view.half_field_mm) @ turn
-    grid_mm = np.array([tape.columns - 1, tape.rows - 1]) * tape.pitch_mm
-    if edge:
-        centre = _overhanging(share[:, :2], np.abs(outline).max(axis=1), grid_mm)
-        position = centre - (np.asarray(scene.contact_offset_mm) @ turn)
-    else:
-        low, high = -outline.min(axis=1), grid_mm - outline.max(axis=1)
-        middle = (low + high) / 2
-        low, high = np.minimum(low, middle), np.maximum(high, middle)
-        narrow = grid_mm < outline.max(axis=1) - outline.min(axis=1)
-        position = np.where(narrow, middle, low + (high - low) * share[:, :2])
-    return np.column_stack([position, theta_deg])
-
-
-def _overhanging(share: FloatArray, half_mm: FloatArray, grid_mm: FloatArray) -> FloatArray:
-    """Contact centres around the grid's outline; shape (n, 2), mm in the texture frame."""
-    width, height = grid_mm
-    along = share[:, 0] * 2 * (width + height)
-    side = np.searchsorted(np.cumsum([width, height, width]), along, side="right")
-    at = along - np.concatenate([[0.0], np.cumsum([width, height, width])])[side]
-    inward = _OVERHANG[0] + (_OVERHANG[1] - _OVERHANG[0]) * share[:, 1]
-    inset = inward * np.where(side % 2 == 0, half_mm[:, 1], half_mm[:, 0])
-    x = np.choose(side, [at, width - inset, width - at, inset])
-    y = np.choose(side, [inset, at, height - inset, height - at])
-    return np.stack([x, y], axis=-1)
-
-
 def placed(
     view: View, parts: Parts, stream: np.random.SeedSequence
 ) -> tuple[IntArray, Parts, FloatArray, FloatArray, FloatArray, np.random.Generator]:
@@ -348,25 +276,6 @@ def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
     )
 
 
-def _given(tape: object, sensor: object, scene: object, options: Mapping[str, Any] | None = None) -> tuple[SensorProfile, Scene]:
-    """The profile and the scene that are meant. Raises SpecError with what is wrong with them or the tape, all together."""
-    problems: list[Problem] = []
-    tried(lambda: refuse_no_tape(tape), problems)
-    profile = tried(lambda: as_sensor(sensor), problems)
-    meant = tried(lambda: as_scene(scene).changed(options or {}), problems)
-    if profile is None or meant is None or problems:
-        raise SpecError(problems)
-    return profile, meant
-
-
-def edge_problems(edge: object, poses: object, name: str = "poses") -> list[Problem]:
-    """Problems of `edge`: it is no flag, or there are poses, by a name, that it would spread; None: none are given."""
-    table = Fields({"edge": edge})
-    if table.flag("edge") and poses is not None:
-        table.problem("edge", f"edge = True spreads poses, and poses are given; leave it out, or {name}")
-    return table.problems
-
-
 def _stream(seed: int, number: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(checked_seed(seed), spawn_key=(number,))
 
@@ -406,29 +315,3 @@ def points_in_contact(view: View, count: int, rng: np.random.Generator) -> Float
     candidates = rng.uniform(outline.min(axis=0), outline.max(axis=0), (32 * count, 2))
     seen = (np.abs(candidates) <= view.half_field_mm).all(axis=1) & (inside_mm(view.scene, candidates) > 0.0)
     return candidates[seen][:count]
-
-
-def checked_seed(seed: int) -> int:
-    table = Fields({"seed": seed})
-    whole = table.integer("seed", low=0, high=2**64 - 1)
-    if table.problems:
-        raise SpecError(table.problems)
-    return whole
-
-
-def _check_count(count: int) -> None:
-    table = Fields({"count": count})
-    table.integer("count", low=1, high=MOST_FRAMES)
-    if table.problems:
-        raise SpecError(table.problems)
-
-
-def _checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:
-    _check_count(count)
-    try:
-        rows = np.array(poses, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise SpecError(Problem("poses", f"poses is no array of numbers: {error}; give (x mm, y mm, theta deg) rows")) from error
-    if rows.shape != (count, 3):
-        raise SpecError(Problem("poses", f"poses has shape {rows.shape}, not ({count}, 3); give (x mm, y mm, theta deg) rows"))
-    return rows

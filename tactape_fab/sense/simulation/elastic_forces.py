@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from tactape_fab.base.given_value import as_numbers
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
-from tactape_fab.sense.simulation.draw import checked_seed, placed
+from tactape_fab.sense.simulation.arguments import checked_seed
+from tactape_fab.sense.simulation.draw import placed
 from tactape_fab.sense.simulation.elastic import imprint_of
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.gel import FloatImage, sensed

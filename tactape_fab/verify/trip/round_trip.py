@@ -17,7 +17,8 @@ import numpy as np
 from tactape_fab.base.errors import Check, Problem, SpecError, tried
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.dot_errors import dots_of
-from tactape_fab.sense.simulation.draw import Frame, draw_poses, frame_at, iterate_frames
+from tactape_fab.sense.simulation.draw import Frame, frame_at, iterate_frames
+from tactape_fab.sense.simulation.drawn_poses import draw_poses
 from tactape_fab.sense.simulation.gel import FloatImage
 from tactape_fab.sense.simulation.parts import built_parts_of
 from tactape_fab.sense.simulation.scene import Scene

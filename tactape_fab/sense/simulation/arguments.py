@@ -1,0 +1,65 @@
+"""Arguments of the simulator, judged before anything is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import Fields
+from tactape_fab.sense.sensors import SensorProfile, as_sensor
+from tactape_fab.sense.simulation.scene import Scene, as_scene
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import refuse_no_tape
+
+MOST_FRAMES = 1_000_000
+
+
+def profile_and_scene(
+    tape: object, sensor: object, scene: object, options: Mapping[str, Any] | None = None
+) -> tuple[SensorProfile, Scene]:
+    """The profile and the scene that are meant. Raises SpecError with what is wrong with them or the tape, all together."""
+    problems: list[Problem] = []
+    tried(lambda: refuse_no_tape(tape), problems)
+    profile = tried(lambda: as_sensor(sensor), problems)
+    meant = tried(lambda: as_scene(scene).changed(options or {}), problems)
+    if profile is None or meant is None or problems:
+        raise SpecError(problems)
+    return profile, meant
+
+
+def edge_problems(edge: object, poses: object, name: str = "poses") -> list[Problem]:
+    """Problems of `edge`: it is no flag, or there are poses, by a name, that it would spread; None: none are given."""
+    table = Fields({"edge": edge})
+    if table.flag("edge") and poses is not None:
+        table.problem("edge", f"edge = True spreads poses, and poses are given; leave it out, or {name}")
+    return table.problems
+
+
+def checked_seed(seed: int) -> int:
+    table = Fields({"seed": seed})
+    whole = table.integer("seed", low=0, high=2**64 - 1)
+    if table.problems:
+        raise SpecError(table.problems)
+    return whole
+
+
+def check_count(count: int) -> None:
+    table = Fields({"count": count})
+    table.integer("count", low=1, high=MOST_FRAMES)
+    if table.problems:
+        raise SpecError(table.problems)
+
+
+def checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:
+    check_count(count)
+    try:
+        rows = np.array(poses, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise SpecError(Problem("poses", f"poses is no array of numbers: {error}; give (x mm, y mm, theta deg) rows")) from error
+    if rows.shape != (count, 3):
+        raise SpecError(Problem("poses", f"poses has shape {rows.shape}, not ({count}, 3); give (x mm, y mm, theta deg) rows"))
+    return rows
