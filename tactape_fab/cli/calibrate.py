@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.base.errors import Problem, SpecError, tried
-from tactape_fab.cli.exits import answers
+from tactape_fab.cli.exits import answers, with_options
 from tactape_fab.cli.options import pair
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, table_lines
 
@@ -147,7 +147,7 @@ def calibration_lines(found: Calibration) -> list[str]:
         )
     if found.hand_eye is not None:
         lines += hand_eye_lines(found)
-    return lines + [f"note: {remark}" for remark in found.remarks]
+    return lines + [f"note: {with_options(remark)}" for remark in found.remarks]
 
 
 def hand_eye_lines(found: Calibration) -> list[str]:

@@ -20,9 +20,9 @@ _KEY = re.compile(
     r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]*\]))|(?= = | contradicts | is of ))"
 )
 """A key of the package in a message, with the value of a flag or a list."""
-_ARGUMENT = re.compile(r"(?<= )(\w+)=(?:'([\w-]+)'|([\w.-]+))|(?<=give another )(\w+)")
-"""An argument that a remedy names as Python has it, ``world='open'``, with its value."""
-_KITS = re.compile(r"(?:name the tape's|give (?:its|the)) kits?\b(?! that)")
+_ARGUMENT = re.compile(r"(?<= )(\w+)=(?:'([\w-]+)'|([\w.-]+(?:,[\w.-]+)*))|(?<=give another )(\w+)")
+"""An argument that a remedy names as Python has it, ``world='open'``, with its value; a flag's is True."""
+_KITS = re.compile(r"(?:name the tape's|give (?:its|the|one of its)) kits?\b(?! that)")
 """The kits that a remedy asks for, which are arguments of their own in Python."""
 _PART = "\0"
 """Behind the whole value that was typed, where a message is of a part of it: ``--size = '0x50': 0 mm is not above 0 mm``."""
@@ -70,7 +70,7 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     return _KEY.sub(option, line).replace(f"{_PART} = ", " ").replace(f":{_PART}", "")
 
 
-def _with_options(line: str) -> str:
+def with_options(line: str) -> str:
     """A message with options in place of arguments that its remedy names: ``--world open``; kits by ``--tape``."""
     context = click.get_current_context(silent=True)
     names = [option.lstrip("-") for p in (context.command.params if context else ()) for option in p.opts]
@@ -78,7 +78,7 @@ def _with_options(line: str) -> str:
     def option(found: re.Match[str]) -> str:
         name = (found[1] or found[4]).replace("_", "-")
         value = found[2] or found[3]
-        return found[0] if name not in names else f"--{name} {value}" if value else f"--{name}"
+        return found[0] if name not in names else f"--{name} {value}" if value and value != "True" else f"--{name}"
 
     line = _ARGUMENT.sub(option, line)
     return _KITS.sub(r"\g<0> with --tape", line) if "tape" in names else line
@@ -120,7 +120,7 @@ def answers() -> Iterator[None]:
         yield
     except TactapeError as error:
         status, lines = answer(error, _options())
-        lines = list(dict.fromkeys(map(_with_options, lines)))  # both sides of 0x0 say the same
+        lines = list(dict.fromkeys(map(with_options, lines)))  # both sides of 0x0 say the same
         more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
         fail(status, [*lines[:_MOST_LINES], *more])
     except MemoryError:

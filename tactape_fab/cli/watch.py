@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactape_fab.cli.exits import FAILED, answers
+from tactape_fab.cli.exits import FAILED, answers, with_options
 from tactape_fab.cli.options import hertz, locating_options_of_several, locating_values, named_object, number, pair, seconds
 from tactape_fab.cli.printing import clear_step, echo_lines_err
 
@@ -256,7 +256,7 @@ def _warn(tallies: Mapping[str, Tally]) -> None:
     messages = [_of(name, message) for name, tally in tallies.items() for message in tally.unsaid()]
     if messages:
         clear_step()
-        echo_lines_err(f"warning: {message}" for message in messages)
+        echo_lines_err(f"warning: {with_options(message)}" for message in messages)
 
 
 def _end(tallies: Mapping[str, Tally]) -> None:

@@ -67,7 +67,7 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
     sensor = fitted_size((height, width), like)
     if (height, width) != like.frame_shape:
         h, w = like.frame_shape
-        wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another --like")
+        wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like")
     valid = valid_pixels(images)
     if valid is not None:
         wrong.append(

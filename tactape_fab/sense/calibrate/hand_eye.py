@@ -101,8 +101,8 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     which = [k for k, press in enumerate(presses) if press.frame in flange and press.tape == name]
     if len(which) < LEAST_POSES or on_board is None or on_board.surface is not None:
         message = (
-            f"--hand-eye: {len(which)} of {len(presses)} presses have a pose of the flange, and {LEAST_POSES} on one flat tape "
-            "are needed; name the frames by their index from 0 in the column frame"
+            f"{len(which)} of {len(presses)} presses have a pose of the flange, and {LEAST_POSES} on one flat tape are needed; "
+            "name the frames by their index from 0 in the column frame"
         )
         raise SpecError(Problem("hand_eye", message))
     arm = np.array([flange[presses[k].frame] for k in which])
@@ -124,7 +124,7 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
             break
     if rms[:2].max() > MOST_LEFT_MM or rms[5] > MOST_LEFT_RAD:
         message = (
-            f"--hand-eye: poses of the flange do not fit the presses: {rms[:2].max():.2g} mm and {np.degrees(rms[5]):.2g} deg "
+            f"poses of the flange do not fit the presses: {rms[:2].max():.2g} mm and {np.degrees(rms[5]):.2g} deg "
             f"are left over on the tape (rms), more than {MOST_LEFT_MM:g} mm or {np.degrees(MOST_LEFT_RAD):.2g} deg; give the "
             "poses of these frames, x, y, z in mm, the quaternion as qw,qx,qy,qz with qw first, of the flange in the base"
         )

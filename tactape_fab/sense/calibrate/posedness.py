@@ -107,7 +107,7 @@ def unseen(images: Sequence[Frame], bad: Sequence[str], tapes: Sequence[Tape], l
     named = [reason for reason in reasons if "not registered" in reason]
     names = ", ".join(tape.name for tape in tapes)
     if named:
-        return Problem("tape", f"the frames show another tape: it {named[0]}; give the kit that was pressed with --tape")
+        return Problem("tape", f"the frames show another tape: it {named[0]}; give its kit")
     most = max(fix.n_dots for fix in answers)
     said = reasons.most_common(1)[0][0]
     tried = f"{names} is not seen in any of {len(images)} frames, by either sign, mirrored or not, at half to twice the px/mm of "
@@ -205,7 +205,7 @@ def remarks_of(
     if not turn_known:
         said.append(
             f"quarter turns of the image cannot be told from presses: rotate90 = {sensor.rotate90} is that of '{start.name}'; "
-            "for the true one press once in a known direction and give --known-theta FRAME,DEG"
+            "for the true one press once in a known direction and give known_theta=FRAME,DEG"
         )
     share = share_of_perfect(bundle)
     if share > GOOD_SHARE + 0.005:

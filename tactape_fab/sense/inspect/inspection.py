@@ -162,7 +162,7 @@ def _outside(tape: Tape, views: Sequence[View]) -> list[Problem]:
     if seen.all():
         return []
     if not views:
-        return [Problem("scan", f"no scan shows {tape.name}; scan the whole panel, or give --tape of one of its kits")]
+        return [Problem("scan", f"no scan shows {tape.name}; scan the whole panel, or give one of its kits")]
     gone = np.flatnonzero(~seen)
     low, high = tape.part_xy_mm()[gone].min(axis=0), tape.part_xy_mm()[gone].max(axis=0)
     names = tape.designators()

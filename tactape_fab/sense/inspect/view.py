@@ -213,19 +213,17 @@ def _nothing_found(
     if tags and not any(w.tape.tag is not None and t.number == w.tape.tag.id for w in wanted for t in tags):
         seen = ", ".join(str(n) for n in sorted({t.number for t in tags}))
         ids = ", ".join(str(w.tape.tag.id) for w in wanted if w.tape.tag is not None) or "none"
-        return SpecError(
-            f"it shows a tape with tag {seen}, and {names} has tag {ids}: another tape; give --tape of the kit it was made of"
-        )
+        return SpecError(f"it shows a tape with tag {seen}, and {names} has tag {ids}: another tape; give its kit")
     if px_per_mm is None:
         return SpecError(
-            "no tag of the family tag36h11 is in it, and it does not say its dpi; give --dpi, to read its parts as a code"
+            "no tag of the family tag36h11 is in it, and it does not say its dpi; give dpi=N, to read its parts as a code"
         )
     blobs = find_blobs(picture, px_per_mm, wanted[0].tape.part.body_mm[0])
     other = read_code(blobs, px_per_mm, [wanted[0].tape], plane=True)
     if other is not None and other.sector is not None and other.sector not in {w.tape.sector for w in wanted}:
         have = ", ".join(str(w.tape.sector) for w in wanted[:4])
         return SpecError(
-            f"its parts are those of sector {other.sector}, and {names} is of sector {have}: another tape; give --tape of its kit"
+            f"its parts are those of sector {other.sector}, and {names} is of sector {have}: another tape; give its kit"
         )
     mirrored = replace(blobs, px=blobs.px * (-1.0, 1.0) + (picture.shape[1] - 1.0, 0.0))
     if _code_seeds(mirrored, px_per_mm, wanted):
@@ -233,10 +231,10 @@ def _nothing_found(
     if agreeing is not None and tags:
         return SpecError(
             f"its tag is that of {names}, but only {agreeing:.0%} of its parts stand where that tape has them: another tape, or "
-            "another version of it; give --tape of the kit it was made of"
+            "another version of it; give its kit"
         )
     said = "no tag of the family tag36h11 is in it" if not tags else "its tag cannot be followed to the parts"
     return SpecError(
         f"{said}, and its {len(blobs.px)} spots are no parts of {names}; scan the whole tape sharp, its parts toward the glass, "
-        "and give --dpi as it was scanned"
+        "and give dpi=N, as it was scanned"
     )

@@ -7,7 +7,7 @@ from math import cos, radians, sin
 from os import PathLike
 from threading import Condition, Event, Thread
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.given_path import as_path
@@ -36,8 +36,8 @@ class LiveSensor:
         Kits that can be touched.
     sensor : str
         Profile name or the path of its TOML file.
-    rate : float, optional
-        Of a file of frames, Hz.
+    rate : float or "max", optional
+        Of a file of frames, Hz; "max" locates every one of them as fast as it can.
     raw : bool
         The source has colour images; with `background` and `weights`.
     background, weights : str, optional
@@ -60,7 +60,7 @@ class LiveSensor:
         kits: Sequence[str],
         sensor: str = "gelsight-mini",
         *,
-        rate: float | None = None,
+        rate: float | Literal["max"] | None = None,
         raw: bool = False,
         background: str | None = None,
         weights: str | None = None,

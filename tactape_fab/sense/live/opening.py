@@ -26,7 +26,7 @@ from tactape_fab.sense.sensors import SensorProfile, load_sensor
 
 STANDARD_INPUT = "-"
 MOST_HZ = 100_000.0
-_SOURCES = "give a folder, a file of frames, - for standard input, or with --raw a camera such as /dev/video0 or usb:NAME"
+_SOURCES = "give a folder, a file of frames, - for standard input, or with raw=True a camera such as /dev/video0 or usb:NAME"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,8 +102,12 @@ def _opened(
 ) -> Watch | None:
     """One sensor with its source; None where there are problems. Sensors of one profile share it, and all share the tapes."""
     wishes, key = one.wishes, (one.sensor, one.wishes.raw)
-    if not wishes.raw and (wishes.background is not None or wishes.weights is not None or wishes.crop is not None):
-        problems.append(Problem("raw", "--background, --weights and --crop are for colour images; give --raw with them"))
+    of_colours = {"background": wishes.background, "weights": wishes.weights, "crop": wishes.crop}
+    problems += [
+        Problem(key, f"{key} = {shown(value)} is for colour images; give raw=True with it")
+        for key, value in of_colours.items()
+        if value is not None and not wishes.raw
+    ]
     rate_hz, idle_s, crop = _read_wishes(wishes, problems)
     if job is not None and key not in jobs:
         profile = tried(lambda: load_sensor(one.sensor), problems)
@@ -114,7 +118,7 @@ def _opened(
         return None
     found = tried(partial(_source, one.source, wishes, rate_hz, idle_s, crop, own.sensor), problems)
     if messages and not (found is None or found[1]):
-        said = f"{shown_path(one.source)} holds no timestamps, and messages need some; give the --rate HZ at which it was taken"
+        said = f"{shown_path(one.source)} holds no timestamps, and messages need some; give rate=HZ, at which it was taken"
         problems.append(Problem("mcap", said))
     colours = None
     if wishes.raw:
@@ -162,16 +166,24 @@ def _source(
     film = wishes.raw and path.suffix.lower() in FILMS
     plain = not (folder or camera or film or given == STANDARD_INPUT)
     if rate_hz is not None and not (film or plain):
-        problems.append(Problem("rate", "--rate is for files of frames, which say themselves when they end; leave it out"))
+        problems.append(
+            Problem(
+                "rate", f"rate = {shown(wishes.rate)} is for files of frames, which say themselves when they end; leave it out"
+            )
+        )
     if idle_s is not None and not folder:
-        problems.append(Problem("idle", "--idle is for folders, which nothing else tells when to stop; leave it out"))
+        problems.append(
+            Problem("idle", f"idle = {shown(wishes.idle)} is for folders, which nothing else tells when to stop; leave it out")
+        )
     if crop is not None and not (camera or film):
-        problems.append(Problem("crop", "--crop is for cameras; cut the images of a folder when they are written"))
+        problems.append(
+            Problem("crop", f"crop = {shown(wishes.crop)} is for cameras; cut the images of a folder when they are written")
+        )
     if camera and not wishes.raw:
-        message = "a camera has colour images; give --raw with --background and --weights"
+        message = "a camera has colour images; give raw=True with background=FILE and weights=FILE"
         problems.append(Problem("raw", message))
     if wishes.raw and (plain or given == STANDARD_INPUT):
-        message = f"--raw is for a camera, a film ({', '.join(FILMS)}) or a folder of images, not for {shown_path(given)}"
+        message = f"raw = True is for a camera, a film ({', '.join(FILMS)}) or a folder of images, not for {shown_path(given)}"
         problems.append(Problem("raw", f"{message}; leave it out"))
     if problems:
         raise SpecError(problems)

@@ -23,7 +23,7 @@ LAST_S = 1e11
 """Timestamps from here on are no seconds since 1970: as such they are those of the year 5138, in ms those of 1973."""
 LONG_GAP_S = 10.0
 """A pause from which on the replay says that it waits: stamps of 25 Hz in ms are 40 apart."""
-_SECONDS = "timestamps are seconds: divide those in ms by 1e3, in ns by 1e9, or give --rate HZ, or --rate max"
+_SECONDS = "timestamps are seconds: divide those in ms by 1e3, in ns by 1e9, or give rate=HZ, or rate='max'"
 
 
 def replay(file: FrameFile, rate_hz: float | None = None, *, keep: bool = False) -> Source:

@@ -78,9 +78,11 @@ def open_reconstruction(
 
     before = len(problems)
     if background is None:
-        problems.append(Problem("background", "--raw needs --background, an image of the gel that touches nothing; give it"))
+        problems.append(
+            Problem("background", "colour images need an image of the gel that touches nothing; give background=FILE")
+        )
     if weights is None:
-        problems.append(Problem("weights", "--raw needs --weights, the .pth of the sensor's network; give it"))
+        problems.append(Problem("weights", "colour images need the .pth of the sensor's network; give weights=FILE"))
     untouched = None if background is None else tried(partial(_checked, Path(background), "background", sensor), problems)
     network = None if weights is None else tried(partial(load_network, weights), problems)
     if not make or len(problems) > before:

@@ -241,7 +241,7 @@ def test_a_known_direction_that_cannot_be_is_refused(known: tuple[int, float], w
 @only_thorough
 def test_remarks_say_what_cannot_be_observed() -> None:
     said = " ".join(calibrated().remarks)
-    assert "quarter turns of the image cannot be told" in said and "--known-theta FRAME,DEG" in said
+    assert "quarter turns of the image cannot be told" in said and "known_theta=FRAME,DEG" in said
     cropped = calibrate_sensor([frame[10:, 20:] for frame in presses().frames], [TAPE], STOCK)
     assert any("frames are 230 x 300 px (height x width), those of 'gelsight-mini' 240 x 320" in r for r in cropped.remarks)
     alike = pressed(TRUE, 10, 5, (5.0, 3.5), 30.0, alike=True).frames

@@ -93,7 +93,7 @@ BAD: dict[str, tuple[Callable[[Picture], bytes], str, float | None, str]] = {
     "over-exposed, no tag can be read": (lambda p: png(brighter(p, 3.0, 120.0)), THIS, 1200, "it is over-exposed: 100% of the"),
     "empty lid": (lambda p: png(np.full((1200, 1800, 3), 236, np.uint8)), THIS, None, "it is empty"),
     "black": (lambda p: png(np.zeros((1200, 1800, 3), np.uint8)), THIS, 1200, "it is empty"),
-    "noise of no dpi": (noise, THIS, None, "no tag of the family tag36h11 is in it, and it does not say its dpi; give --dpi"),
+    "noise of no dpi": (noise, THIS, None, "no tag of the family tag36h11 is in it, and it does not say its dpi; give dpi=N"),
     "noise": (noise, THIS, 1200, "spots are no parts of tactape-s007"),
     "too few dpi": (shrunk, THIS, None, "fewer than 559; scan at 600 dpi or more"),
     "no bytes": (lambda _: b"", THIS, None, "it is no picture"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,6 +61,25 @@ def test_everything_that_cannot_be_opened_is_said_at_once(tmp_path: Path) -> Non
     with pytest.raises(SpecError) as refused:
         LiveSensor(str(tmp_path / "none"), [str(tmp_path / "no-kit")], world="flat")
     assert "no-kit" in str(refused.value) and "world" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            {"rate": 3.0, "crop": (1, 2, 3, 4)},
+            ("rate = 3.0 is for files", "crop = (1, 2, 3, 4) is for colour images; give raw=True"),
+        ),
+        ({"weights": "a.pth"}, ("weights = 'a.pth' is for colour images; give raw=True with it",)),
+        ({"raw": True}, ("colour images need an image", "give background=FILE", "give weights=FILE")),
+    ],
+)
+def test_a_refusal_names_arguments_and_no_option(
+    default_kit: Kit, tmp_path: Path, given: dict[str, Any], said: tuple[str, ...]
+) -> None:
+    with pytest.raises(SpecError) as refused:
+        LiveSensor(str(tmp_path), [str(default_kit.path)], **given)
+    assert [words for words in said if words not in str(refused.value)] == [] and "--" not in str(refused.value)
 
 
 def test_an_answer_as_numbers() -> None:

@@ -123,7 +123,14 @@ def test_problems_of_all_sensors_come_together_with_their_names(small_kit: Kit, 
     with pytest.raises(SpecError) as caught:
         open_watches([wanted[1], wanted[0], wanted[2]], [str(small_kit.path)], ())
     said = "\n".join(problem.message for problem in caught.value.problems)
-    for words in ("sensor right is named twice", "sensor left: idle = -1", "digitt", "sensor right: rate", "/none", "give --raw"):
+    for words in (
+        "sensor right is named twice",
+        "sensor left: idle = -1",
+        "digitt",
+        "sensor right: rate",
+        "/none",
+        "give raw=True",
+    ):
         assert words in said, words
 
 

@@ -260,8 +260,8 @@ def test_many_wrong_images_are_counted(tmp_path: Path, raw: Taken, default_kit: 
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ("--raw x.png --weights w.pth", "--raw needs --background"),
-        ("--raw x.png --background b.png", "--raw needs --weights"),
+        ("--raw x.png --weights w.pth", "give --background FILE"),
+        ("--raw x.png --background b.png", "give --weights FILE"),
         ("--background b.png frames.npz", "name them with --raw"),
         ("--weights w.pth", "name them with --raw"),
     ],
