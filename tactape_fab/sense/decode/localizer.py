@@ -22,13 +22,9 @@ from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.contact.surface import contact_view
 from tactape_fab.sense.decode.dots.detect import Dots
-from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
-from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_depths, dot_numbers
 from tactape_fab.sense.decode.dots.rim import settled
-from tactape_fab.sense.decode.dots.subpixel import sharp_tops
-from tactape_fab.sense.decode.grid.long_parts import drawn_px
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.sense.decode.pixels.refine import Pixels, rehearse_pixels
@@ -41,11 +37,12 @@ from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import Prior
 from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
 from tactape_fab.sense.decode.search.trace_plane import TracePlane
-from tactape_fab.sense.decode.settings import Method, World, given_settings, setting_problems
+from tactape_fab.sense.decode.settings import Method, World, given_settings, setting_problems, tape_problems
+from tactape_fab.sense.decode.square_image import square_image
 from tactape_fab.sense.decode.warm import announce, rehearse
 from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
-from tactape_fab.texture.code import get_plane, has_plane
+from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import Plane, PlaneCode, encode
@@ -141,24 +138,7 @@ class Localizer:
         problems += setting_problems(given_settings(settings))
         if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
-        if isinstance(method, str) and method == "paper" and not all(has_plane(tape.code) for tape in tapes):
-            from tactape_fab.sense.decode.paper.method import PLANELESS
-
-            problems.append(Problem("method", PLANELESS))
-        sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
-        if len(sizes) > 1:
-            said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
-            problems.append(
-                Problem(
-                    "tape",
-                    f"the tapes differ in pitch or displacement ({said}); use one Localizer for each, or decode once for each",
-                )
-            )
-        counts = sorted({tape.directions for tape in tapes})
-        if len(counts) > 1:
-            problems.append(
-                Problem("tape", "the tapes differ in directions (4 and 8); use one Localizer for each, or decode once for each")
-            )
+        problems += tape_problems(tapes, method)
         if problems:
             raise SpecError(problems)
         registry = register(tapes, unregistered_share=unregistered_share if world == "open" else 0.0)
@@ -166,14 +146,14 @@ class Localizer:
         self._method = method
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
         part = registry.tapes[0].part if len(parts) == 1 else None
-        self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
+        first = registry.tapes[0]
+        self._prepare(registry, first.pitch_mm, first.displacement_mm, part, sensor, fixed_scale, first.directions)
         if refine is None and method == "ml" and self.sensor.gel.blur_mm is not None:
             refine = "pixels"
         self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
-        tape = registry.tapes[0]
-        cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
-        symbols = tape.symbols[cells[:, 1], cells[:, 0]]
-        self._warm(cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols])
+        cells = first.cells()[first.cells()[:, 0] < 8][:64]
+        symbols = first.symbols[cells[:, 1], cells[:, 0]]
+        self._warm(cells * first.pitch_mm + first.displacement_mm * DIRECTIONS_XY[symbols])
         if self._pixel_fit is not None:
             rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
 
@@ -248,19 +228,15 @@ class Localizer:
     ) -> None:
         self._world = world
         self.sensor = as_sensor(sensor)
-        self._camera = self.sensor.camera
-        self._aspect = float(self._camera.matrix[0, 0] / self._camera.matrix[1, 1])  # factor on v that makes pixels square
-        bent = (self.sensor.geometry.shear, self.sensor.geometry.k1) != (0.0, 0.0)
-        self._straight = not (bent or self.sensor.geometry.aspect != 0.0)
-        self._detection_px_per_mm = float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1]))
+        self._square = square_image(self.sensor)
         self._contact_view = contact_view(self.sensor)
         self._view = View(
             pitch_mm=pitch_mm,
             displacement_mm=displacement_mm,
             part=part,
-            px_per_mm=self.sensor.px_per_mm[0],
+            px_per_mm=self._square.px_per_mm,
             scale_tolerance=0.0 if fixed_scale else self.sensor.scale_tolerance,
-            centre_px=self.sensor.centre_px * np.array([1.0, self._aspect]),
+            centre_px=self._square.centre_px,
             beliefs=beliefs_of(self.sensor, fixed_scale=fixed_scale, part=part),
             directions=directions,
         )
@@ -314,7 +290,7 @@ class Localizer:
         start = perf_counter()
         self._refuse_prior(prior)
         image, as_came = canonical_depths(depth, self.sensor)
-        found = self._by_paper(image) if self._method == "paper" else self._locate(self._detected(image), prior, image)
+        found = self._by_paper(image) if self._method == "paper" else self._locate(self._square.dots(image), prior, image)
         if not as_came and found.contact is not None:  # no depth is a millimetre then
             found = replace(found, contact=None)
         return _stamped(found, start, timestamp)
@@ -359,11 +335,11 @@ class Localizer:
             raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} do not match; give (n, 2) and (n,)")
         if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):
             raise FrameError("dots have NaN or infinite values, or negative weights; leave those dots out")
-        square = self._square(xy)
+        square = self._square.places(xy)
         if self._method == "paper":
             from tactape_fab.sense.decode.paper import locate_paper_dots
 
-            size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._aspect + 1)
+            size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._square.aspect + 1)
             found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
             found = replace(found, places="nominal") if found.located else found
         else:
@@ -393,44 +369,17 @@ class Localizer:
 
         from tactape_fab.sense.decode.paper import locate_paper
 
-        if self._aspect != 1.0:
-            image = np.asarray(cv2.resize(image, None, fx=1.0, fy=self._aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        if self._square.aspect != 1.0:
+            image = np.asarray(
+                cv2.resize(image, None, fx=1.0, fy=self._square.aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32
+            )
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
         return replace(found, places="nominal") if found.located else found
-
-    def _detected(self, image: npt.NDArray[np.float32]) -> Dots:
-        """Dots of a canonical depth map within the mask, in square pixels."""
-        dots = frame_dots(image, self.sensor)
-        if self._aspect != 1.0 or not self._straight:
-            elongation = square_pixels(dots.elongation, self._aspect)
-            dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation, seen_px=dots.xy_px)
-        return dots
-
-    def _square(self, xy_px: FloatArray) -> FloatArray:
-        """Places in the image of a perfect camera of the profile's px/mm along u: square pixels, no shear, no distortion."""
-        if self._straight:
-            out: FloatArray = xy_px * (1.0, self._aspect)
-        else:
-            on_gel = self._camera.from_px(xy_px) - self._camera.from_px(self.sensor.centre_px)
-            out = on_gel * self._view.px_per_mm + self._view.centre_px
-        return out
-
-    def _shift_px(
-        self, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """How far dots are from where they were detected, square pixels, and how high they are."""
-        shift_px, heights = sharp_tops(high, self._detection_px_per_mm, seen_px)
-        if self._aspect != 1.0:
-            shift_px = shift_px * (1.0, self._aspect)
-        if self._view.part is None:
-            return shift_px, heights
-        drawn = drawn_px(self._view.part, heights, offset_px, texture_mm, self._view.px_per_mm)
-        return (shift_px if drawn is None else shift_px - drawn), heights
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)
         raw = dots
-        small = (image is not None and self._straight) or len(dots.weights) == 0 or np.abs(dots.xy_px).max() <= LARGE
+        small = (image is not None and self._square.straight) or len(dots.weights) == 0 or np.abs(dots.xy_px).max() <= LARGE
         if small:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
         n = len(dots.weights)
@@ -447,11 +396,11 @@ class Localizer:
             pressed = None
             if image is not None and raw.small is not None and self._contact_view is not None:
                 pressed = self._contact_view, image, raw.small
-            sharper = None if raw.high is None else partial(self._shift_px, raw.high)
+            sharper = None if raw.high is None else partial(self._square.shifts, self._view.part, raw.high)
             found, explained = accept_place(dots, reading, self._view, self._world, self._limits, pixels, pressed, sharper)
         if found.located or explained or n < SOLID_DOTS:
             return found
-        negated = None if image is None else lambda: self._detected(-image)
+        negated = None if image is None else lambda: self._square.dots(-image)
         seen = Seen(sensor=self.sensor, view=self._view, world=self._world, limits=self._limits)
         return replace(found, reason=wrong_profile(seen, dots, raw, negated) or found.reason)
 

@@ -1,14 +1,16 @@
-"""Settings of `Localizer`, judged together: values out of range, and those that have no effect beside the others."""
+"""Settings of `Localizer` and its tapes, judged together: out of range, without effect beside others, or not for one decoder."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 from tactape_fab.base.errors import Problem
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.decode.rule import KAPPA, MAX_P_FALSE, UNREGISTERED_SHARE
+from tactape_fab.texture.code import has_plane
+from tactape_fab.texture.tape import Tape
 
 World = Literal["open", "closed"]
 Method = Literal["ml", "paper"]
@@ -57,3 +59,20 @@ def setting_problems(given: Mapping[str, Any], *, code: str | None = None) -> li
         lacks = "in a closed world no unregistered tape is touched; leave it out, or give world='open'"
     table.problems += [Problem(name, f"{name} = {shown(given[name])}: {lacks}") for name in idle if not table.refused(name)]
     return table.problems
+
+
+def tape_problems(tapes: Sequence[Tape], method: object) -> list[Problem]:
+    """Problems of tapes that one `Localizer` cannot tell apart, or that the paper's method cannot read."""
+    problems = []
+    if isinstance(method, str) and method == "paper" and not all(has_plane(tape.code) for tape in tapes):
+        from tactape_fab.sense.decode.paper.method import PLANELESS
+
+        problems.append(Problem("method", PLANELESS))
+    each = "use one Localizer for each, or decode once for each"
+    sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
+    if len(sizes) > 1:
+        said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
+        problems.append(Problem("tape", f"the tapes differ in pitch or displacement ({said}); {each}"))
+    if len({tape.directions for tape in tapes}) > 1:
+        problems.append(Problem("tape", f"the tapes differ in directions (4 and 8); {each}"))
+    return problems

@@ -287,13 +287,6 @@ def test_a_depth_map_is_seen_through_the_profile_s_camera() -> None:
     assert fix.located and is_near(fix, *POSE, mm=0.03, deg=0.4)
 
 
-@pytest.mark.parametrize("px_per_mm", [(16.0, 16.0), (16.0, 12.3)])
-def test_without_a_camera_dots_are_decoded_as_they_are(px_per_mm: tuple[float, float]) -> None:
-    sensor = replace(load_sensor("gelsight-mini"), px_per_mm=px_per_mm, geometry=Geometry(sigma_aspect=0.01))
-    xy = np.random.default_rng(1).uniform(0.0, 300.0, (40, 2))
-    assert (Localizer([TAPE], sensor)._square(xy) == xy * (1.0, px_per_mm[0] / px_per_mm[1])).all()
-
-
 def test_what_the_profile_knows_of_its_camera_makes_the_covariance_smaller() -> None:
     known = Geometry(sigma_px_per_mm=0.01, sigma_aspect=0.001, sigma_shear=0.001, sigma_k1=0.001)
     xy = dots() + np.random.default_rng(3).normal(0.0, 0.3, dots().shape)

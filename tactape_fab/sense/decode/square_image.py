@@ -1,0 +1,88 @@
+"""The image with square pixels, in which the decoder measures: a sensor's dots taken to it, and looked at more closely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.dots.elongation import square_pixels
+from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.dots.frame_dots import frame_dots
+from tactape_fab.sense.decode.dots.subpixel import sharp_tops
+from tactape_fab.sense.decode.grid.long_parts import drawn_px
+from tactape_fab.sense.geometry import Camera
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.part import TapePart
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SquareImage:
+    """The image of a perfect camera of the profile's px/mm along u: square pixels, no shear, no distortion.
+
+    aspect: Factor on v that makes the sensor's pixels square.
+    straight: Whether that factor is all there is to it.
+    centre_px: Of the image, in square pixels.
+    detection_px_per_mm: At which dots are detected: between those along u and v.
+    """
+
+    sensor: SensorProfile
+    camera: Camera
+    aspect: float
+    straight: bool
+    px_per_mm: float
+    centre_px: FloatArray
+    detection_px_per_mm: float
+
+    def places(self, xy_px: FloatArray) -> FloatArray:
+        """Places of the canonical image, shape (n, 2), in square pixels."""
+        if self.straight:
+            out: FloatArray = xy_px * (1.0, self.aspect)
+        else:
+            on_gel = self.camera.from_px(xy_px) - self.camera.from_px(self.sensor.centre_px)
+            out = on_gel * self.px_per_mm + self.centre_px
+        return out
+
+    def dots(self, image: Image) -> Dots:
+        """Dots of a canonical depth map within the sensor's mask, in square pixels."""
+        dots = frame_dots(image, self.sensor)
+        if self.aspect != 1.0 or not self.straight:
+            elongation = square_pixels(dots.elongation, self.aspect)
+            dots = replace(dots, xy_px=self.places(dots.xy_px), elongation=elongation, seen_px=dots.xy_px)
+        return dots
+
+    def shifts(
+        self, part: TapePart | None, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """How far dots are from where they were detected, square pixels, shape (n, 2), and how high they are, shape (n,).
+
+        part: Of the tapes, where all have the same.
+        high: The depth map without its coarse shapes.
+        seen_px, offset_px, texture_mm (n, 2): Where each was detected, in pixels of the canonical image; the rest as
+            `grid.long_parts.drawn_px` takes it.
+        """
+        shift_px, heights = sharp_tops(high, self.detection_px_per_mm, seen_px)
+        if self.aspect != 1.0:
+            shift_px = shift_px * (1.0, self.aspect)
+        if part is None:
+            return shift_px, heights
+        drawn = drawn_px(part, heights, offset_px, texture_mm, self.px_per_mm)
+        return (shift_px if drawn is None else shift_px - drawn), heights
+
+
+def square_image(sensor: SensorProfile) -> SquareImage:
+    """The square image of a sensor."""
+    camera, geometry = sensor.camera, sensor.geometry
+    aspect = float(camera.matrix[0, 0] / camera.matrix[1, 1])
+    return SquareImage(
+        sensor=sensor,
+        camera=camera,
+        aspect=aspect,
+        straight=(geometry.shear, geometry.k1, geometry.aspect) == (0.0, 0.0, 0.0),
+        px_per_mm=sensor.px_per_mm[0],
+        centre_px=sensor.centre_px * np.array([1.0, aspect]),
+        detection_px_per_mm=sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]),
+    )
