@@ -290,9 +290,10 @@ class Localizer:
         start = perf_counter()
         self._refuse_prior(prior)
         image, as_came = canonical_depths(depth, self.sensor)
-        found = self._by_paper(image) if self._method == "paper" else self._locate(self._square.dots(image), prior, image)
-        if not as_came and found.contact is not None:  # no depth is a millimetre then
-            found = replace(found, contact=None)
+        if self._method == "paper":
+            found = self._by_paper(image)
+        else:
+            found = self._locate(self._square.dots(image), prior, image, in_mm=as_came)
         return _stamped(found, start, timestamp)
 
     def locate_dots(
@@ -376,7 +377,7 @@ class Localizer:
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
         return replace(found, places="nominal") if found.located else found
 
-    def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
+    def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None, *, in_mm: bool = True) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)
         raw = dots
         small = (image is not None and self._square.straight) or len(dots.weights) == 0 or np.abs(dots.xy_px).max() <= LARGE
@@ -394,7 +395,7 @@ class Localizer:
             found = empty(reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
             pressed = None
-            if image is not None and raw.small is not None and self._contact_view is not None:
+            if in_mm and image is not None and raw.small is not None and self._contact_view is not None:
                 pressed = self._contact_view, image, raw.small
             sharper = None if raw.high is None else partial(self._square.shifts, self._view.part, raw.high)
             found, explained = accept_place(dots, reading, self._view, self._world, self._limits, pixels, pressed, sharper)

@@ -12,7 +12,7 @@ import pytest
 from tactape_fab import Localizer, TapeSpec
 from tactape_fab.base.errors import FrameError
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.sense import SensorProfile, load_sensor, simulate
+from tactape_fab.sense import ElasticContact, SensorProfile, load_sensor, simulate
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import POSE, TAPE, R, dots, is_near
 
@@ -117,6 +117,16 @@ def test_depths_that_have_to_be_scaled_say_nothing_of_the_contact(localizer: Loc
     assert usual.contact is not None and usual.tilt_deg is not None and usual.indentation_mm is not None
     assert fix.located and is_near(fix, *POSE, mm=0.02, deg=0.3)
     assert (fix.contact, fix.tilt_deg, fix.indentation_mm, fix.force_n) == (None, None, None, None)
+
+
+@pytest.mark.parametrize("factor", [1e10, 1e-12])
+def test_depths_that_have_to_be_scaled_do_not_move_the_pose_by_a_tilt(factor: float) -> None:
+    """The slope of such a frame is not one in mm per mm."""
+    depth = simulate(TAPE, *POSE, seed=4, elastic=ElasticContact(force_n=2.0, tilt_deg=(1.0, 2.0))).astype(np.float64)
+    plain = Localizer([TAPE])
+    found = plain.locate(depth * factor)
+    plain._contact_view = None
+    assert found.located and found.position_mm == plain.locate(depth * factor).position_mm
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -np.inf, 1e38, -3.0])
