@@ -30,7 +30,7 @@ from tests.bench.marks import write_between
 
 STAGES = {
     "input": ("localizer", "canonical_depths"),
-    "dots": ("localizer", "frame_dots"),
+    "dots": ("square_image", "frame_dots"),
     "rim": ("localizer", "settled"),
     "grid": ("rank", "_fits"),
     "symbols": ("rank", "posteriors"),
