@@ -21,6 +21,7 @@ import tactape_fab
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.cli import main
 from tactape_fab.make import publish
+from tests.calls import replaced
 
 KINDS = ("write", "fsync", "rename", "create", "allocation")
 State = dict[str, bytes | None]
@@ -147,13 +148,6 @@ def _full() -> OSError:
 
 
 @contextmanager
-def _opening(replacement: Callable[..., Any]) -> Iterator[None]:
-    """`open` by all of its names."""
-    with mock.patch.object(io, "open", replacement), mock.patch.object(builtins, "open", replacement):
-        yield
-
-
-@contextmanager
 def _write(counter: Counter, folder: Path) -> Iterator[None]:
     """A disk that is full in the middle of a write."""
     real = io.open
@@ -174,7 +168,7 @@ def _write(counter: Counter, folder: Path) -> Iterator[None]:
         text.pop("buffering", None)
         return stream if "b" in mode else io.TextIOWrapper(stream, **text)
 
-    with _opening(opened):
+    with replaced(opened, "open", io, builtins):
         yield
 
 
@@ -193,7 +187,7 @@ def _create(counter: Counter, folder: Path) -> Iterator[None]:
             raise _full()
         make(path, *rest, **more)
 
-    with _opening(opened), mock.patch.object(os, "mkdir", made):
+    with replaced(opened, "open", io, builtins), replaced(made, "mkdir", os):
         yield
 
 
@@ -223,9 +217,9 @@ def _rename(counter: Counter, folder: Path) -> Iterator[None]:
         return call
 
     with (
-        mock.patch.object(os, "rename", refused(os.rename)),
-        mock.patch.object(os, "replace", refused(os.replace)),
-        mock.patch.object(os, "link", refused(os.link)),
+        replaced(refused(os.rename), "rename", os),
+        replaced(refused(os.replace), "replace", os),
+        replaced(refused(os.link), "link", os),
         mock.patch.object(publish, "_exchange", refused(publish._exchange)),
     ):
         yield

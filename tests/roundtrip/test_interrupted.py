@@ -24,6 +24,7 @@ from click.testing import CliRunner
 from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
+from tests.calls import replaced
 from tests.thorough import only_thorough, some
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
@@ -205,9 +206,7 @@ def test_a_run_that_is_asked_to_stop_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize("call", ["mkdir", "unlink", "rmdir"])
-def test_a_signal_between_two_calls_leaves_nothing_behind(
-    call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: dict[int, Files]
-) -> None:
+def test_a_signal_between_two_calls_leaves_nothing_behind(call: str, tmp_path: Path, whole: dict[int, Files]) -> None:
     make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), tmp_path / "tape")
     real = getattr(os, call)
     pending = [signal.SIGINT]
@@ -217,8 +216,7 @@ def test_a_signal_between_two_calls_leaves_nothing_behind(
         if pending:
             signal.raise_signal(pending.pop())
 
-    monkeypatch.setattr(os, call, interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    with replaced(interrupted, call, os), pytest.raises(KeyboardInterrupt):
         make_kit(TapeSpec(sector=NEW, size_mm=SIZE_MM), tmp_path / "tape", overwrite=True)
     assert [p.name for p in tmp_path.iterdir()] == ["tape"]
     assert contents(tmp_path / "tape") == whole[OLD if call == "mkdir" else NEW]
