@@ -5,12 +5,12 @@ The page's `console` blocks hold commands behind a `$`; below each stand its err
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import chdir
 from pathlib import Path
 
 from click.testing import CliRunner
@@ -64,8 +64,12 @@ def prepare(kit: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    page = PAGE.resolve()
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        prepare()
-        fresh = made_anew(page.read_text(encoding="utf-8"))
+    page, here = PAGE.resolve(), Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            prepare()
+            fresh = made_anew(page.read_text(encoding="utf-8"))
+        finally:
+            os.chdir(here)
     page.write_text(fresh, encoding="utf-8")
