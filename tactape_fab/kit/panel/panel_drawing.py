@@ -67,9 +67,15 @@ def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
     pieces = shapely.get_parts(shapely.difference(inner, shapely.union_all([*tapes, *tabs])))
     if any(len(piece.interiors) for piece in pieces):
         raise SpecError(Problem("tabs", "tabs hold no tape to the rails; use --tabs xy"))
-    outlines = [snap_mm(np.array(orient(piece).exterior.coords)[:-1]) for piece in pieces]
+    outlines = [_distinct(snap_mm(np.array(orient(piece).exterior.coords)[:-1])) for piece in pieces]
     turned = [np.roll(outline, -int(np.lexsort(outline.T)[0]), axis=0) for outline in outlines]
     return tuple(sorted(turned, key=lambda outline: (outline[0, 1], outline[0, 0])))
+
+
+def _distinct(outline: FloatArray) -> FloatArray:
+    """A closed outline without points that snapping laid on the one before, which would be lines of no length."""
+    distinct: FloatArray = outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)]
+    return distinct
 
 
 def panel_drawing(name: str, drawings: Sequence[Drawing], panel: Panel) -> Drawing:
