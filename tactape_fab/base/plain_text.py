@@ -1,6 +1,8 @@
-"""Untrusted text made fit for a line of a terminal, a log or a report: the one place where that is done."""
+"""Text made fit for where it goes: untrusted text for a line of a terminal, a log or a report; text of a TOML file."""
 
 from __future__ import annotations
+
+import json
 
 
 def one_line(text: str) -> str:
@@ -11,3 +13,12 @@ def one_line(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def toml_string(text: str) -> str:
+    """A text as a basic string of TOML, which has JSON's escapes but no halves of a character beyond U+FFFF, and no DEL.
+
+    Bytes of a file's name that are no UTF-8 are shown as \\udcff.
+    """
+    whole = text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")

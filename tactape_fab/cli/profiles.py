@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -68,7 +69,7 @@ def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: b
     if output is None or not output.endswith(".toml"):
         problems.append(Problem("output", "profiles confirm writes a profile; give -o NAME.toml"))
     else:
-        tried(lambda: refuse_taken_place(Path(output), "output", overwrite=False), problems)
+        tried(lambda: refuse_taken_place(Path(output), "output"), problems)
     if judged["held"] is None and judged["failed"] is None:
         problems.append(Problem("held", "profiles confirm needs what came back; give --held SECTORS, --failed SECTORS, or both"))
     date = _date(judged["date"], problems)
@@ -81,11 +82,15 @@ def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: b
     found = confirm(fab, trials, held, failed, date=date, source=source, place=Path(output))
     place = Path(output)
     write_file(place, found.text.encode("utf-8"), "output", overwrite=False)
-    load_fab(output)
+    try:
+        load_fab(output)
+    except SpecError:  # such as one that extends too many others
+        place.unlink()
+        raise
     if as_json:
         echo_json({"profile": output, "said": list(found.lines)})
     else:
-        echo_lines([*found.lines, f"wrote {place}; tactape-fab make --sector 7 --order {place}"])
+        echo_lines([*found.lines, f"wrote {place}; tactape-fab make --sector 7 --order {quote(output)}"])
 
 
 def _date(text: str | None, problems: list[Problem]) -> str:

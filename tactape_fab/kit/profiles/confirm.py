@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -10,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.plain_text import toml_string
 from tactape_fab.kit.profiles.fabs import FabProfile, load_fab
 
 CONFIRMABLE = ("opening-bridge", "opening-size", "opening-expansion", "pad-pad", "body-body", "courtyard")
@@ -88,24 +88,24 @@ def confirm(
         problems.append(Problem("held", f"--held and --failed both name sector {', '.join(map(str, both))}; leave it out of one"))
     whole, broken = ([trial for trial in trials if trial.sector in of] for of in (held, failed))
     problems += _contradictions(whole, broken)
-    modes = _modes(load_fab(fab_name), whole, broken)
+    fab = _fab_of(fab_name)
+    modes = _modes(fab, whole, broken)
     if not modes or not whole:
         problems.append(Problem("held", "--held: no way to open the coverlay came back whole; ask another fab"))
     if problems:
         raise SpecError(problems)
-    origin = f"source = {json.dumps(source)}\ndate = {json.dumps(date)}\nconfirmed = true\n"
-    fab = load_fab(fab_name)
+    origin = f"source = {toml_string(source)}\ndate = {toml_string(date)}\nconfirmed = true\n"
     extends = os.path.relpath(fab_name, place.parent) if fab_name.endswith(".toml") else fab_name
     tables = [
-        f"name = {json.dumps(place.stem)}\nextends = {json.dumps(extends)}\ntitle = {json.dumps(fab.title + ', confirmed')}\n"
+        f"name = {toml_string(place.stem)}\nextends = {toml_string(extends)}\ntitle = {toml_string(fab.title + ', confirmed')}\n"
     ]
     lines = []
     if modes != list(fab.coverlay_modes):
-        tables.append(f"[coverlay]\nmodes = {json.dumps(modes)}\n")
+        tables.append(f"[coverlay]\nmodes = [{', '.join(map(toml_string, modes))}]\n")
         lines.append(f"coverlay: {' or '.join(modes)} alone")
     for rule, value_mm in _limits(fab, whole):
         before = fab.limits[rule].value_mm
-        tables.append(f"[limits.{rule}]\nvalue_mm = {value_mm:g}\nlevel = {json.dumps(fab.limits[rule].level)}\n{origin}")
+        tables.append(f"[limits.{rule}]\nvalue_mm = {value_mm:g}\nlevel = {toml_string(fab.limits[rule].level)}\n{origin}")
         moved = f", {before:g} mm before" if abs(before - value_mm) > _MET_MM else ""
         lines.append(f"{rule}: {value_mm:g} mm confirmed{moved}")
     anchors = {trial.tests: trial in whole for trial in (*whole, *broken) if trial.tests.startswith("anchor-")}
@@ -113,6 +113,16 @@ def confirm(
         tables.append(f"[anchor]\n{origin}")
     lines += [f"{name.replace('-', ' ')}: {'held' if fine else 'failed: do not order it'}" for name, fine in anchors.items()]
     return Confirmed(text="\n".join(tables), lines=tuple(lines))
+
+
+def _fab_of(name: str) -> FabProfile:
+    """The fab profile of a coupon, whose path is that of the folder in which the coupon was made."""
+    if name.endswith(".toml") and not os.path.lexists(name):
+        message = (
+            f"COUPON is of the fab profile {shown_path(Path(name))}, which is not there; run profiles confirm in the folder "
+        )
+        raise SpecError(Problem("coupon", message + "in which the coupon was made"))
+    return load_fab(name)
 
 
 def _contradictions(whole: Sequence[Trial], broken: Sequence[Trial]) -> Iterator[Problem]:

@@ -15,6 +15,7 @@ from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.base.output_file import refuse_taken_place
+from tactape_fab.base.plain_text import toml_string
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.frames import BoolArray
@@ -171,4 +172,4 @@ def _toml(value: object) -> str:
     """A value of TOML: JSON's strings, booleans and lists are TOML's as well."""
     if isinstance(value, float):
         return repr(float(f"{value:.6g}"))
-    return json.dumps(value, ensure_ascii=True)
+    return toml_string(value) if isinstance(value, str) else json.dumps(value)

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 import pytest
 from click.testing import CliRunner
 
 from tactape_fab import Kit, PanelKit
 from tactape_fab.base.errors import Check, Finding
-from tactape_fab.base.plain_text import one_line
+from tactape_fab.base.plain_text import one_line, toml_string
 from tactape_fab.cli import main
 from tests.roundtrip.kits import OpenKit, rows
 
@@ -95,3 +101,12 @@ def test_profiles_and_archives_print_no_forged_line(flat_kit: Kit, tmp_path: Pat
     for command in (["profiles", str(profile)], ["check", "--sector", "1", "--fab", str(profile)]):
         run = CliRunner().invoke(main, command)
         assert clean(run.stdout) and clean(run.stderr)
+
+
+@pytest.mark.parametrize("text", ["", "a", '"q" \\ back', "\u00e4\U0001f600\u2028", "".join(map(chr, range(128)))])
+def test_a_string_of_toml_is_read_as_the_text(text: str) -> None:
+    assert tomllib.loads(f"a = {toml_string(text)}") == {"a": text}
+
+
+def test_bytes_of_a_name_that_are_no_text_are_shown() -> None:
+    assert tomllib.loads(f"a = {toml_string('caf' + chr(0xDCE9))}") == {"a": "caf\\udce9"}

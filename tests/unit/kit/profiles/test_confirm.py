@@ -79,6 +79,22 @@ def test_what_cannot_be_is_refused(
         told(trials, held, failed, tmp_path / "mine.toml")
 
 
+def test_any_title_and_file_name_make_a_profile_that_can_be_read(trials: tuple[Trial, ...], tmp_path: Path) -> None:
+    mine, place = tmp_path / "\U0001f600.toml", tmp_path / "m\u00fc\U0001f600 2.toml"
+    mine.write_text('extends = "jlcpcb-fpc"\ntitle = "\U0001f600 \u00e4"\n', encoding="utf-8")
+    found = confirm(str(mine), trials, {0, 1, 7, 8}, {2, 3}, date=DATE, source=SOURCE, place=place)
+    place.write_text(found.text, encoding="utf-8")
+    fab = load_fab(str(place))
+    assert (fab.name, fab.title) == ("m\u00fc\U0001f600 2", "\U0001f600 \u00e4, confirmed")
+
+
+def test_a_profile_that_is_not_there_is_said_to_be_the_coupons(trials: tuple[Trial, ...], tmp_path: Path) -> None:
+    with pytest.raises(
+        SpecError, match=r"COUPON is of the fab profile gone\.toml, which is not there; run profiles confirm in the"
+    ):
+        confirm("gone.toml", trials, {0}, set(), date=DATE, source=SOURCE, place=tmp_path / "mine.toml")
+
+
 @pytest.mark.parametrize(
     "content", [{}, {"coupon": 3}, {"coupon": {"fab": "x", "trials": [{"sector": -1}]}}, {"coupon": {"trials": 5}}]
 )
