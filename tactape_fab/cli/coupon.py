@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from shlex import quote
+
 import click
 
 from tactape_fab.cli.exits import answers
@@ -41,6 +43,7 @@ def coupon(
         if not isinstance(first, int):
             raise SpecError(Problem("first_sector", f"first_sector = {first} is no sector; give a whole number from 0"))
         examined = examine_coupon(fab or DEFAULT_FAB, first, name)
+        echo_lines_err(examined.remarks)
         made = make_panel(examined, output, overwrite=overwrite, verify=not no_verify, force=True)
         if as_json:
             echo_json({**made.to_mapping(), "trials": [trial.to_mapping() for trial in examined.trials]})
@@ -66,4 +69,5 @@ def coupon(
                 *purpose_lines(made.path, made.files),
             ]
         )
-        echo_lines_err([f"when it came: tactape-fab profiles confirm {made.path} --held SECTORS --failed SECTORS -o my-fab.toml"])
+        kit = quote(str(made.path))
+        echo_lines_err([f"when it came: tactape-fab profiles confirm {kit} --held SECTORS --failed SECTORS -o my-fab.toml"])

@@ -5,7 +5,8 @@ Some of its tapes break limits of the profile on purpose: those that come back w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -14,7 +15,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.film.anchors import Placing
-from tactape_fab.kit.panel.packing import pack_panels
+from tactape_fab.kit.panel.packing import misfit, pack_panels
 from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.kit.profiles.confirm import CONFIRMABLE, Trial
 from tactape_fab.kit.rules.remedies import film_pitch_mm
@@ -28,6 +29,8 @@ SHARES_OF_LIMIT = (1.0, 0.7, 0.4, 0.2)
 """Bridges of coverlay that are tried, as fractions of the profile's limit."""
 _PART, _DISPLACEMENT_MM, _SMALL_MM = "r0201", 0.25, 0.16
 _ROTATION_DEG = 45.0
+_MOST_OF_NAME = 50
+"""Letters of the fab's name in that of its coupon."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +59,12 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
     if not 0 <= first_sector <= last:
         message = f"first_sector = {first_sector}: its {len(wanted)} tapes need sectors up to {first_sector + len(wanted) - 1}; "
         raise SpecError(Problem("first_sector", message + f"use --first-sector 0 to {last}"))
-    table = Fields({"name": f"{fab.name}-coupon" if name is None else name})
+    if misfit(TAPE_MM, fab) is not None:
+        message = (
+            f"fab = '{fab.name}' takes panels of up to {_size(fab.panel.largest_mm)}, whose rails leave no room for a tape of "
+        )
+        raise SpecError(Problem("fab", f"{message}{_size(TAPE_MM)}; order a tape without a coupon"))
+    table = Fields({"name": _usual_name(fab) if name is None else name})
     name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     if table.problems:
         raise SpecError(table.problems)
@@ -76,7 +84,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         )
         for sector, trial in enumerate(wanted, start=first_sector)
     )
-    _, (packed, *_) = pack_panels([(TAPE_MM, tape.tape.board.corner_radius_mm) for tape in tapes], fab)
+    _, (packed, *others) = pack_panels([(TAPE_MM, tape.tape.board.corner_radius_mm) for tape in tapes], fab)
     trials = tuple(
         Trial(
             sector=tapes[i].tape.sector,
@@ -91,9 +99,27 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         name=name,
         tapes=tuple(tapes[i] for i in packed.tapes),
         panel=packed.panel,
-        remarks=(),
+        remarks=tuple(_left_out([wanted[i] for other in others for i in other.tapes], len(wanted), fab)),
         trials=trials,
     )
+
+
+def _usual_name(fab: FabProfile) -> str:
+    """The name of a coupon: its fab's with hyphens for what no tape's name may have."""
+    stem = re.sub(r"[^A-Za-z0-9._]+", "-", fab.name)[:_MOST_OF_NAME].strip("._-")
+    return f"{stem}-coupon" if stem else "coupon"
+
+
+def _left_out(wanted: Sequence[_Wanted], count: int, fab: FabProfile) -> Iterator[str]:
+    """Tapes for which the largest panel has no room."""
+    if wanted:
+        tests = ", ".join(one.tests if one.value_mm is None else f"{one.tests} {one.value_mm:g} mm" for one in wanted)
+        holds = f"holds {count - len(wanted)} of {count} tapes"
+        yield f"warning: {_size(fab.panel.largest_mm)}, the largest panel of {fab.name}, {holds}; not on it: {tests}"
+
+
+def _size(size_mm: tuple[float, float]) -> str:
+    return f"{size_mm[0]:g} x {size_mm[1]:g} mm"
 
 
 def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
