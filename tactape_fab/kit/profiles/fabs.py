@@ -79,8 +79,10 @@ _TABLES = (
 )
 _LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
 _COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
-_FILE_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|\{name\}\.[A-Za-z0-9._-]{1,99}"
-_BACKING_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}\{material\}[A-Za-z0-9._-]{0,99}"
+_BEFORE = r"([A-Za-z0-9_-][A-Za-z0-9._-]{0,29})?"
+"""What may stand before {name} in the name of a file."""
+_FILE_NAME = r"(?:" + _BEFORE + r"\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|" + _BEFORE + r"\{name\}\.[A-Za-z0-9._-]{1,99}"
+_BACKING_NAME = r"(?:" + _BEFORE + r"\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}\{material\}[A-Za-z0-9._-]{0,99}"
 
 X2Mode = Literal["full", "comments", "off"]
 
@@ -247,7 +249,7 @@ def _file_name(files: Fields, role: str) -> str:
     if role in BACKING_ROLES:
         remedy = "give a file name of letters and digits, with {name} for the tape's and {material} for material and thickness"
         return files.text(role, pattern=_BACKING_NAME, remedy=remedy)
-    return files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")
+    return files.text(role, pattern=_FILE_NAME, remedy="give a file name of letters and digits, with {name} for the tape's")
 
 
 def house_fab(house: str) -> str:

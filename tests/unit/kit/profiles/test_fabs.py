@@ -1,0 +1,37 @@
+"""Names that a fab profile gives to files: the tape's name stands where the fab wants it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.kit.profiles import load_fab
+
+
+def profile(folder: Path, files: str) -> str:
+    place = folder / "mine.toml"
+    place.write_text(f'extends = "generic-fpc"\n[files]\n{files}\n')
+    return str(place)
+
+
+@pytest.mark.parametrize("name", ["top_{name}.art", "{name}.art", "{name}-top.art", "L1.art", "1-{name}_F.Cu.gbr"])
+def test_the_tape_s_name_stands_where_the_fab_wants_it(name: str, tmp_path: Path) -> None:
+    fab = load_fab(profile(tmp_path, f'copper-top = "{name}"'))
+    assert fab.file_path("copper-top", "t7") == f"gerber/{name.replace('{name}', 't7')}"
+
+
+@pytest.mark.parametrize(
+    "name", ["{name}", ".{name}.art", "{name}{name}.art", "a/{name}.art", "{name}.ü", "-" * 31 + "{name}.art", ""]
+)
+def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(
+        SpecError, match=r"files\.copper-top = .*give a file name of letters and digits, with \{name\} for the tape's"
+    ):
+        load_fab(profile(tmp_path, f'copper-top = "{name}"'))
+
+
+def test_material_and_thickness_stand_in_the_names_of_backings(tmp_path: Path) -> None:
+    fab = load_fab(profile(tmp_path, 'stiffener-bottom = "under_{name}_{material}.art"'))
+    assert fab.file_names["stiffener-bottom"] == "under_{name}_{material}.art"
