@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from tactape_fab.base.errors import Finding, Problem, SpecError, tried
+from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound, tried
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.examine.together import of_sector, other_sectors, sector_words, together_findings
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.output_place import Overwrite
-from tactape_fab.kit.panel.arrange import arrangement_problem, arrangements, choose_arrangement
+from tactape_fab.kit.panel.arrange import arrangement_problem, arrangements, choose_arrangement, nearest_arrangement
 from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.panel_drawing import panel_drawing
 from tactape_fab.kit.panel.tabs_and_marks import plan_panel
@@ -20,7 +20,8 @@ from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.kit.profiles.confirm import Trial
 from tactape_fab.kit.rules.film_rules import assembly_findings
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
-from tactape_fab.kit.spec.tape_spec import read_spec
+from tactape_fab.kit.spec.tape_spec import TapeSpec, read_spec
+from tactape_fab.texture.board import TAG_FAMILY, TAG_IDS
 from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape, refuse_no_tapes
@@ -119,10 +120,17 @@ def examine_order(
         first = 0  # faults of the sectors are among the problems
     place = output if output is not None or not isinstance(first, int) else values_of.panel_name(first)
     base_values = {**tape_values, **({} if first is None else {"sector": first})}
-    base = examine(base_values, output=place, overwrite=overwrite, known=problems)
-    size_mm = base.tape.board.size_mm
-    if by_profile and not arrangements(size_mm, base.fab):
-        return examine(base_values, output=output, overwrite=overwrite, avoid=avoid), (_no_panel(size_mm, base.fab),)
+    alone = by_profile and fab is not None and not arrangements(spec.size_mm, fab)
+    of_panel = [] if fab is None or alone else _panel_problems(spec, first, request, fab, tape_values.get("tag_id"))
+    try:
+        base = examine(base_values, output=place, overwrite=overwrite, known=problems)
+    except SpecError as error:
+        of_tape = [p for p in error.problems if p.root != "tag_id" or all(q.root != "tag_id" for q in of_panel)]
+        raise refusal([*of_tape, *sound(of_panel, of_tape)], error.findings) from None
+    if alone:
+        return examine(base_values, output=output, overwrite=overwrite, avoid=avoid), (_no_panel(spec.size_mm, base.fab),)
+    if of_panel:
+        raise SpecError(of_panel, [f for f in base.findings if f.blocks])
     examined = _examine_panel(base, request, values_of, by_profile=by_profile)
     return examined, examined.remarks
 
@@ -183,20 +191,9 @@ class _Naming:
 
 def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *, by_profile: bool) -> ExaminedPanel:
     fab, size_mm, first = base.fab, base.tape.board.size_mm, base.tape.sector
-    if request.arrangement is not None:
-        arrangement = request.arrangement
-        if (problem := arrangement_problem(size_mm, arrangement, fab)) is not None:
-            raise SpecError(problem, [f for f in base.findings if f.blocks])
-    else:
-        arrangement = choose_arrangement(size_mm, fab, None if request.sectors is None else len(request.sectors))
+    count = None if request.sectors is None else len(request.sectors)
+    arrangement = request.arrangement or choose_arrangement(size_mm, fab, count)
     panel = plan_panel(size_mm, base.tape.board.corner_radius_mm, arrangement, request.tabs, fab)
-    problems = list(_sector_problems(base, panel, request))
-    if panel.count > 1 and values_of.values.get("tag_id") is not None and not request.same_sector:
-        message = f"tag_id = {values_of.values['tag_id']} would be that of all {panel.count} tapes; "
-        message += "leave out --tag-id, or use --tag none"
-        problems.append(Problem("tag_id", message))
-    if problems:
-        raise SpecError(problems)
     sectors = request.sectors or tuple(first if request.same_sector else first + i for i in range(panel.count))
     copies = request.same_sector and panel.count > 1
     tapes = tuple(examine(values_of.of(sector, i if copies else None)) for i, sector in enumerate(sectors, start=1))
@@ -220,17 +217,48 @@ def _together(tapes: Sequence[Examined], *, named: bool) -> tuple[Finding, ...]:
     return together_findings([tape.tape for tape in tapes], remedy)
 
 
-def _sector_problems(base: Examined, panel: Panel, request: PanelRequest) -> list[Problem]:
-    if request.sectors is not None or request.same_sector:
-        return []
-    most, last = get_code(base.tape.code).sectors, base.tape.sector + panel.count - 1
+def _panel_problems(spec: TapeSpec, first: object, request: PanelRequest, fab: FabProfile, tag_id: object) -> list[Problem]:
+    """Problems of columns and rows, and of the sectors and tags of the tapes on them, or on those that the remedy names."""
+    problems: list[Problem] = []
+    count = None if request.sectors is None else len(request.sectors)
+    arrangement = request.arrangement
+    if arrangement is None:
+        arrangement = tried(lambda: choose_arrangement(spec.size_mm, fab, count), problems)
+    elif (problem := arrangement_problem(spec.size_mm, arrangement, fab)) is not None:
+        problems.append(problem)
+        arrangement = nearest_arrangement(spec.size_mm, arrangement, fab)
+    problems = [replace(problem, needs=("size_mm", "fab")) for problem in problems]
+    count = arrangement[0] * arrangement[1] if arrangement is not None and count is None else count
+    if count is None or count == 1 or request.same_sector or not isinstance(first, int):
+        return problems
+    tags = _tag_problems(spec, first, count, request.sectors, tag_id)
+    return [*problems, *(_sector_problems(spec, first, count) if request.sectors is None else []), *tags]
+
+
+def _sector_problems(spec: TapeSpec, first: int, count: int) -> list[Problem]:
+    most, last = get_code(spec.code).sectors, first + count - 1
     if last < most:
         return []
     message = (
-        f"sector = {base.tape.sector} on a panel of {panel.count} tapes asks for sectors up to {last}, but code "
-        f"'{base.tape.code}' has {most}, up to {most - 1}; use --sector {most - panel.count} or less, or name them with --sectors"
+        f"sector = {first} on a panel of {count} tapes asks for sectors up to {last}, but code "
+        f"'{spec.code}' has {most}, up to {most - 1}; use --sector {most - count} or less, or name them with --sectors"
     )
-    return [Problem("sector", message)]
+    return [Problem("sector", message, needs=("code",))]
+
+
+def _tag_problems(spec: TapeSpec, first: int, count: int, sectors: Sequence[int] | None, tag_id: object) -> list[Problem]:
+    """One id asked for several tapes, or sectors that are no ids."""
+    last = max(sectors) if sectors is not None else first + count - 1
+    within = f"name --sectors up to {TAG_IDS - 1}" if sectors is not None else f"use --sector {TAG_IDS - count} or less"
+    if tag_id is not None:
+        also = f" and {within}" if last >= TAG_IDS else ""
+        message = f"tag_id = {tag_id} would be that of all {count} tapes; leave out --tag-id{also}, or use --tag none"
+        return [Problem("tag_id", message)]
+    if spec.tag == "none" or last < TAG_IDS:
+        return []
+    said = "sectors ask" if sectors is not None else f"sector = {first} on a panel of {count} tapes asks"
+    message = f"{said} for tags up to {last}, but the last id of {TAG_FAMILY} is {TAG_IDS - 1}; {within}, or use --tag none"
+    return [Problem("tag_id", message, needs=("sector", "code", "tag"))]
 
 
 def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profile: bool, filled: bool) -> list[str]:

@@ -158,11 +158,12 @@ def examine(
         sector = tried(lambda: _free_sector(spec, profiles, avoid), problems)
         if sector is not None:
             return examine({**asked, "sector": sector}, avoid=avoid, output=output, overwrite=overwrite)
-    spec, tape, search = _planned(spec, profiles, avoid, problems)
+    planned, tape, search = _planned(spec, profiles, avoid, problems)
     if tape is None:
         raise refusal(problems)
     measurable = {problem.root for problem in problems}.isdisjoint(ELEMENT_KEYS)
-    film, findings = _measured(spec, tape, profiles, problems)
+    spec, resized = planned, planned.size_mm != spec.size_mm
+    film, findings = _measured(spec, tape, profiles, problems, resized=resized)
     if problems:
         raise refusal(problems, [replace(f, at_mm=None) for f in findings if f.blocks and measurable])
     certificate = certify(tape)
@@ -310,8 +311,12 @@ def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape
     return together_findings([tape, *avoid], remedy, new=1)
 
 
-def _measured(spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Problem]) -> tuple[Film | None, list[Finding]]:
-    """The film's layers, and every rule; anything that prevents building the solid models is a problem."""
+def _measured(
+    spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Problem], *, resized: bool
+) -> tuple[Film | None, list[Finding]]:
+    """The film's layers, and every rule; anything that prevents building the solid models is a problem, but what depends on the
+    size if the board is a substitute of another one.
+    """
     fab, part, process, form = profiles.fab, profiles.part, profiles.process, spec.form
     of_form = [] if form is None else form_problems(tape, form)
     film = None
@@ -328,7 +333,8 @@ def _measured(spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Pro
         assert process is not None
         findings = check_texture(tape, form, process, spec, part)
     needs: dict[str, tuple[str, ...]] = {"part": ELEMENT_KEYS, "holes_mm": (), "rotation_deg": ()}
-    problems += sound([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], problems)
+    refused = [*problems, *([Problem("size_mm", "")] if resized else [])]
+    problems += sound([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], refused)
     return film, findings
 
 

@@ -70,8 +70,13 @@ def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabPro
     size = panel_size_mm(tape_mm, arrangement, fab.panel.rail_mm, fab.panel.gap_mm)
     if within(size, fab):
         return None
-    count = arrangement[0] * arrangement[1]
-    fitting = sorted(arrangements(tape_mm, fab), key=lambda p: abs(p[0] * p[1] - count))
-    remedy = f"use --panel {fitting[0][0]}x{fitting[0][1]}" if fitting else "use another --size, or --panel none"
+    nearest = nearest_arrangement(tape_mm, arrangement, fab)
+    remedy = "use another --size, or --panel none" if nearest is None else f"use --panel {nearest[0]}x{nearest[1]}"
     said = f"panel = {arrangement[0]}x{arrangement[1]} of {tape_mm[0]:g} x {tape_mm[1]:g} mm tapes"
     return Problem("panel", f"{said} is {size[0]:g} x {size[1]:g} mm, but {_takes(fab)}; {remedy}")
+
+
+def nearest_arrangement(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile) -> tuple[int, int] | None:
+    """The arrangement that fab and assembly accept whose number of tapes is nearest to another's; None if there is none."""
+    count = arrangement[0] * arrangement[1]
+    return min(arrangements(tape_mm, fab), key=lambda p: abs(p[0] * p[1] - count), default=None)

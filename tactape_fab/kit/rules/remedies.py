@@ -110,7 +110,7 @@ class Remedy:
         """
         spec, displacement_mm = self.spec, _rounded(self.spec.displacement_mm)
         if self._met(spec.pitch_mm, spec.displacement_mm):
-            return self._size(spec)
+            return self._size(spec).strip()
         pitch_mm = self._least(displacement_mm)
         if pitch_mm is None or pitch_mm > MOST_PITCH_MM:
             return None

@@ -120,6 +120,10 @@ def test_advise_hears_what_make_hears(size_mm: tuple[float, float], pitch_mm: fl
         ({"part": "dome", "base_mm": 0, "cylinder_mm": 15, "holes_mm": [[20, 20, 1]]}, {"base_mm", "holes_mm"}),
         ({"part": "block", "base_mm": 0, "body_mm": [2, 2, 0.2]}, {"base_mm", "part"}),
         ({"part": "r9", "body_mm": [math.nan, 1, 1], "coverlay": "lpi"}, {"part"}),
+        (  # the substitute of a board that is too small is longer than the circumference
+            {"size_mm": [24, 8], "tag_cell_mm": 0.8, "fab": "generic-lpi", "coverlay": "per-part", "cylinder_mm": 10},
+            {"coverlay"},
+        ),
     ],
     ids=lambda value: str(sorted(value)),
 )
@@ -127,6 +131,7 @@ def test_what_rests_on_a_refused_value_is_not_judged(values: dict[str, Any], roo
     problems = refusal_of({"sector": 7, **values}).problems
     assert {problem.root for problem in problems} == roots
     assert len({problem.message for problem in problems}) == len(problems)
+    assert all("  " not in problem.message for problem in problems)
 
 
 @pytest.mark.parametrize(

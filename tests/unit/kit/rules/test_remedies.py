@@ -116,7 +116,7 @@ def test_a_rule_is_met_down_to_half_a_micrometre_below_it(pitch_mm: float, optio
 
 def test_an_outline_is_named_where_a_window_no_longer_fits() -> None:
     assert remedy(at_least(2.0), size_mm=(33.0, 21.5)).options() == "--w 2 --delta 0.25 --size 33x21.5"
-    assert remedy(at_least(1.0), size_mm=(33.0, 21.5)).options() == " --size 33x21.5"
+    assert remedy(at_least(1.0), size_mm=(33.0, 21.5)).options() == "--size 33x21.5"
 
 
 def test_delta_is_named_in_micrometres_and_w_does_not_shrink_with_it() -> None:

@@ -1,0 +1,63 @@
+"""Orders of panels: what is refused is said together, and what a remedy names is not refused in its turn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.kit.examine.order import ExaminedPanel, examine_order
+
+NARROW: dict[str, Any] = {"size_mm": [20.0, 50.0], "models": False}
+ANOTO: dict[str, Any] = {**NARROW, "code": "anoto-6x6"}
+
+
+def refused(**values: Any) -> list[str]:
+    with pytest.raises(SpecError) as refusal:
+        examine_order(values)
+    return [problem.message for problem in refusal.value.problems]
+
+
+def test_a_panel_is_examined_beside_a_tape_that_is_refused() -> None:
+    corner, panel, sector = refused(sector=255, panel="1x1", corner_radius_mm=2.0, **NARROW)
+    assert corner.startswith("corner_radius_mm = 2 mm cuts into the tag")
+    assert panel.endswith("; use --panel 3x2")
+    assert sector.startswith("sector = 255 on a panel of 6 tapes") and "use --sector 250 or less" in sector  # of that panel
+    coverlay, panel = refused(sector=9, panel="1x1", coverlay="lpi", **NARROW)
+    assert coverlay.startswith("coverlay") and panel.startswith("panel")
+
+
+def test_no_panel_is_measured_of_a_size_that_is_refused() -> None:
+    assert all("panel" not in line for line in refused(sector=9, panel="1x1", size_mm=[20.0, 4.0]))
+    assert all("panel" not in line for line in refused(sector=9, panel="1x1", size_mm=[20.0, -4.0]))
+
+
+@pytest.mark.parametrize("panel", ["3x2", "auto"])
+def test_a_panel_beyond_the_ids_of_tags_has_a_remedy_that_works(panel: str) -> None:
+    (line,) = refused(sector=586, panel=panel, **ANOTO)
+    assert line == (
+        "sector = 586 on a panel of 6 tapes asks for tags up to 591, but the last id of tag36h11 is 586; use --sector 581 or "
+        "less, or use --tag none"
+    )
+    for values in ({"sector": 581}, {"sector": 586, "tag": "none"}):
+        examined, _ = examine_order({**ANOTO, "panel": panel, **values})
+        assert isinstance(examined, ExaminedPanel) and len(examined.tapes) == 6
+    (line,) = refused(sector=700, panel=panel, **ANOTO)  # --tag-id is no way out of a panel of several
+    assert "--tag-id" not in line
+    (line,) = refused(sector=586, panel=panel, tag_id=5, **ANOTO)
+    assert line.endswith("; leave out --tag-id and use --sector 581 or less, or use --tag none")
+
+
+def test_named_sectors_beyond_the_ids_of_tags() -> None:
+    (line,) = refused(sectors=[586, 587, 1, 2, 3, 4], panel="auto", **ANOTO)
+    assert line == (
+        "sectors ask for tags up to 587, but the last id of tag36h11 is 586; name --sectors up to 586, or use --tag none"
+    )
+
+
+def test_copies_and_a_panel_of_one_take_any_id() -> None:
+    for values in ({"panel": "3x2", "same_sector": True}, {"panel": "1x1", "size_mm": [80.0, 60.0]}):
+        examined, _ = examine_order({**ANOTO, "sector": 700, "tag_id": 5, **values})
+        assert isinstance(examined, ExaminedPanel)
+        assert "choose an id with --tag-id" in refused(**{**ANOTO, "sector": 700, **values})[0]
