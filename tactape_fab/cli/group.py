@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import re
+import signal
 import sys
+import threading
 from importlib import import_module
 from io import TextIOWrapper
 from typing import Any
@@ -72,6 +75,7 @@ def command(name: str) -> click.Command:
     return found
 
 
+_AGAIN_S = 0.05
 INTERRUPTED = 130
 """Exit status of a command that Ctrl-C ends: 128 and the number of the signal, as shells have it."""
 
@@ -100,6 +104,7 @@ class _Group(click.Group):
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")
+        before, sys.unraisablehook = sys.unraisablehook, _interrupted_again
         try:
             return super().main(*args, **kwargs)
         except OSError as error:
@@ -108,6 +113,28 @@ class _Group(click.Group):
             sys.stdout = None  # flushing the rest of its buffer would fail again
             click.echo(f"error: standard output cannot be written: {error.strerror}; give it room, or another place", err=True)
             sys.exit(1)
+        finally:
+            sys.unraisablehook = before
+
+
+def _press() -> None:
+    """Ctrl-C, in the main thread; a signal of the system where it has them, as that also ends what waits."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
+
+
+def _interrupted_again(dropped: sys.UnraisableHookArgs) -> None:
+    """Ctrl-C once more, a moment later, where Python prints the first one's traceback and goes on: in a function that is called
+    from C, as numba's compiler does for each kernel.
+    """
+    if not issubclass(dropped.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(dropped)
+        return
+    later = threading.Timer(_AGAIN_S, _press)
+    later.daemon = True
+    later.start()
 
 
 def _cannot_print(error: OSError) -> bool:

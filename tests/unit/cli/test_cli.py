@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import shlex
 import shutil
@@ -334,4 +335,21 @@ def test_ctrl_c_has_the_status_that_shells_have_for_it(tmp_path: Path, monkeypat
     result = run(f"make {SMALL} -o kit")
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr.splitlines()[-1] == "stopped by Ctrl-C"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_where_a_library_of_c_calls_python_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def called_from_c() -> None:  # as numba's compiler calls Python for each kernel; Python drops what it raises
+        raise KeyboardInterrupt
+
+    def pressed(*_: object, **__: object) -> NoReturn:
+        ctypes.CFUNCTYPE(None)(called_from_c)()
+        time.sleep(20.0)
+        pytest.fail("Ctrl-C was lost")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tactape_fab.make.kit.fill_kit", pressed)
+    result = run(f"make {SMALL} -o kit")
+    assert (result.exit_code, result.stdout) == (130, "")
+    assert result.stderr.splitlines()[-1] == "stopped by Ctrl-C" and "Traceback" not in result.stderr
     assert list(tmp_path.iterdir()) == []
