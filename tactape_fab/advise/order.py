@@ -20,6 +20,7 @@ from tactape_fab.kit.outlines import part_outlines
 from tactape_fab.kit.profiles import FabProfile, PartProfile, house_fab, load_fab, read_part
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec.tape_spec import TapeSpec, read_spec
+from tactape_fab.texture.directions import USUAL_DIRECTIONS
 
 DEFAULT_CONTACT_MM = (11.0, 9.0)
 """Sides of the contact that a tape is chosen for, mm: the one that the benches press by default."""
@@ -74,8 +75,9 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
         raise SpecError(Problem("order", message))
     given = {"sector": 0, **{key: value for key, value in values.items() if key not in (*PANEL_KEYS, "fab")}}
     fab, (spec, problems) = load_fab(fab_name), read_spec(given)
-    if problems:
-        raise SpecError(problems)
+    others = list(_other_designs(spec, given))
+    if others or problems:
+        raise SpecError([*others, *(p for p in problems if p.root not in {other.root for other in others})])
     part = read_part(spec.part)
     if not isinstance(part, PartProfile):
         raise SpecError(Problem("order", f"part = '{spec.part}' is printed or milled, not ordered; leave out --order"))
@@ -99,6 +101,17 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
         decided |= {"part_number": values.get("part_number", number.number)}
     remarks = tuple(_remarks(best, legal, fab, (asked_mm, asked_words), decided))
     return Chosen(values={**values, **decided}, candidate=best, remarks=remarks)
+
+
+def _other_designs(spec: TapeSpec, given: Mapping[str, Any]) -> Iterator[Problem]:
+    """Values of tapes that are none of those among which is chosen."""
+    remedy = "or use --fab with --w and --delta in place of --order"
+    if spec.rotation_deg % 90.0 != ROTATION_DEG:
+        said = f"rotation_deg = {spec.rotation_deg:g} deg contradicts --order, whose tapes have parts at {ROTATION_DEG:g} deg"
+        yield Problem("rotation_deg", f"{said}; leave out --rotation, {remedy}")
+    if given.get("directions") == 8:
+        said = f"directions = 8 contradicts --order, whose tapes have {USUAL_DIRECTIONS}"
+        yield Problem("directions", f"{said}; leave out --directions, {remedy}")
 
 
 def _contact(value: Any) -> tuple[float, str]:
@@ -144,7 +157,7 @@ def _pitch_mm(fab: FabProfile, part: PartProfile, anchor: str, careful: bool, di
     pitch_mm = film_pitch_mm(fab, part, careful, displacement_mm)
     if anchor == "none":
         return pitch_mm
-    placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=4)
+    placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=USUAL_DIRECTIONS)
     held_mm = anchor_pitch_mm(anchor, fab, part_outlines(part, fab, ROTATION_DEG), part.pads, placing)
     return max(pitch_mm, held_mm or inf)
 

@@ -58,6 +58,7 @@ def test_a_smaller_contact_costs_the_hold_of_the_pads() -> None:
         {"coverlay": "gang"},
         {"part_number": "C1"},
         {"assembly": "eurocircuits"},
+        {"rotation_deg": -135.0},
     ],
 )
 def test_what_is_given_stays(given: dict[str, Any]) -> None:
@@ -74,6 +75,8 @@ def test_what_is_given_stays(given: dict[str, Any]) -> None:
         ({"fab": "pcbway-fpc"}, "jlcpcb", None, "leave out --fab"),
         ({"part": "dome"}, "jlcpcb", None, "leave out --order"),
         ({"pitch_mm": 0.7}, "jlcpcb", None, "no tape is legal"),
+        ({"rotation_deg": 30.0}, "jlcpcb", None, "rotation_deg = 30 deg contradicts --order"),
+        ({"code": "touch-1", "directions": 8}, "jlcpcb-fr4", None, "directions = 8 contradicts --order"),
         ({"pitch_mm": -1}, "jlcpcb", None, "pitch_mm = -1"),
         ({}, "jlcpcb", [0, 5], "contact = 0x5 is no size"),
         ({}, "jlcpcb", [4, 5, 6], "contact = 4x5x6 is no size"),
