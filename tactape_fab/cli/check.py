@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tactape_fab.base.errors import DesignRuleError, Problem, SpecError, tried
+from tactape_fab.base.fields import shown
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import degrees, length, lengths, number, pair, size
 from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, finding_lines, remark_lines, warn
@@ -180,7 +181,13 @@ def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] 
     from tactape_fab.kit.examine.order import takes_panel
     from tactape_fab.kit.spec.tape_list import is_list as lists_tapes
 
-    if {**values, **given}.get("panel", "none") != "none" or not lists_tapes(values, given):
+    panel = {**values, **given}.get("panel", "none")
+    if panel != "none" and "tapes" in values:
+        message = (
+            f"panel = {shown(panel)} is of tapes of one size, and [[tapes]] lists any; leave out --panel, and use --pack to put "
+        )
+        raise SpecError(Problem("panel", f"{message}them on panels"))
+    if panel != "none" or not lists_tapes(values, given):
         return False
     if avoid:
         raise SpecError(
@@ -211,12 +218,12 @@ def examined_order(
     from tactape_fab.kit.spec.panel_options import PANEL_KEYS
     from tactape_fab.texture.registry import read_tapes
 
-    problems = [
-        Problem(name, f"--{name} is for lists of tapes; give --sectors or [[tapes]], or leave it out")
-        for name, value in (of_lists or {}).items()
-        if value
-    ]
     single = {**values, **given}
+    panel = single.get("panel", "none")
+    said = "is for lists of tapes; give --sectors or [[tapes]], or leave it out"
+    if panel != "none" and "sectors" in single:
+        said = f"is for lists of tapes, and panel = {shown(panel)} makes one panel of them; leave one of the two out"
+    problems = [Problem(name, f"--{name} {said}") for name, value in (of_lists or {}).items() if value]
     if "sector" in given and "sectors" not in given:
         single.pop("sectors", None)
     tapes = tried(lambda: read_tapes(avoid), problems)

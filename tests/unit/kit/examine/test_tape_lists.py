@@ -57,6 +57,8 @@ def refuse(folder: Path, args: str, status: int) -> list[str]:
         ("make --sectors 7,8 --delta 0.7", RULES, "pad-pad: gap between pads of two parts -0.329 mm is below the limit 0.100 mm"),
         ("make --sector 7 --pack", USAGE, "--pack is for lists of tapes; give --sectors or [[tapes]], or leave it out"),
         ("make --sector 7 --jobs 2", USAGE, "--workers is for lists of tapes; give --sectors or [[tapes]], or leave it out"),
+        ("make --sectors 7,8 --pack --panel 1x2", USAGE, "--panel = '1x2' makes one panel of them; leave one of the two out"),
+        ("make --sectors 7,8 --workers 2 --panel auto", USAGE, "--workers is for lists of tapes, and --panel = 'auto' makes one"),
     ],
 )
 def test_a_bad_list_is_refused_once(args: str, status: int, said: str, here: Path) -> None:
@@ -69,6 +71,15 @@ def test_everything_wrong_comes_together(here: Path) -> None:
     lines = refuse(here, "make --sectors 9-7,300 --jobs 0 -o file --w nan --delta 0.7 --name x", USAGE)
     said = ["workers = 0", "-o = file exists and is not a folder", "holds 9-7", "holds 300", "name = 'x'", "--w = nan"]
     assert [any(part in line for line in lines) for part in said] == [True] * len(said), lines
+
+
+@pytest.mark.parametrize("command", ["make lab.toml", "make lab.toml --pack", "make lab.toml --workers 2", "check lab.toml"])
+def test_tapes_of_a_file_are_no_panel_but_packed(command: str, here: Path) -> None:
+    (here / "lab.toml").write_text('size_mm = [60, 30]\n[[tapes]]\nsectors = "1-2"\n')
+    (line,) = refuse(here, f"{command} --panel 1x2", USAGE)
+    assert line.startswith("--panel = '1x2' is of tapes of one size, and [[tapes]] lists any; leave out --panel, and use --pack")
+    (here / "lab.toml").write_text('panel = "1x2"\n[[tapes]]\nsectors = "1-2"\n')
+    assert "; leave out panel, and use --pack to put them on panels" in refuse(here, command, USAGE)[0]
 
 
 def test_tapes_of_a_file_are_named_by_their_index(here: Path) -> None:
