@@ -158,10 +158,12 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
 
 def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, Any]) -> tuple[int | None, list[Watch]]:
     """Number of answers after which to end (None: no end), and the opened sources with their jobs."""
-    from tactape_fab.base.errors import SpecError
+    from tactape_fab.base.errors import SpecError, tried
     from tactape_fab.base.fields import Fields
     from tactape_fab.sense.live.extras import missing_extra
+    from tactape_fab.sense.live.messages import FRAME_BY_NAME
     from tactape_fab.sense.live.opening import open_watches
+    from tactape_fab.texture.registry import refuse_equal_names
 
     table = Fields({} if given["count"] is None else {"count": number(given["count"])})
     count = table.integer("count", low=1, high=10**12) if "count" in table.values else None
@@ -178,6 +180,8 @@ def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, A
         watches = open_watches(wanted, kits, written, **locating_values(given))
     except SpecError as error:
         raise SpecError([*problems, *error.problems]) from None
+    if given["rerun"] or given["save"] is not None or not (unsent or given["frame_id"]):
+        tried(lambda: refuse_equal_names(watches[0].job.tapes, FRAME_BY_NAME), problems)
     if problems:
         raise SpecError(problems)
     return count, watches

@@ -42,6 +42,7 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
     Returns (height, width, 3): Text, the enlarged canonical image, and the tape with the contact beside the error; BGR.
     """
     from tactape_fab.sense.decode.dots.detect import band_pass, detect
+    from tactape_fab.sense.decode.result import tape_named
 
     image = np.asarray(depth).astype(np.float32)
     image = np.ascontiguousarray(sensor.canonical(np.where(np.abs(image) < 1e15, image, 0.0).astype(np.float32)))
@@ -50,7 +51,7 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
     picture = _shades(band_pass(image, scale), zoom)
     dots = _zoomed(detect(image, scale).xy_px, zoom)
     radius = 0.17 * scale * zoom
-    tape = next((t for t in tapes if t.name == fix.tape), None)
+    tape = next((t for t in tapes if (t.name, t.sector, t.origin) == tape_named(fix)), None)
     view = None
     if tape is not None and fix.position_mm is not None and fix.theta_deg is not None:
         view = View(sensor, fix, zoom)

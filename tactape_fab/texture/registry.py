@@ -172,6 +172,21 @@ def labels(entries: Sequence[Registered]) -> tuple[str, ...]:
     return tuple(e.tape.name if names[e.tape.name] == 1 else f"{e.tape.name} ({shown_path(e.path)})" for e in entries)
 
 
+def refuse_equal_names(tapes: Iterable[Tape], what: str) -> None:
+    """Refuse two textures of one name where that alone says which tape is meant.
+
+    what: What has nothing but the name, for the message.
+    Raises SpecError.
+    """
+    first: dict[str, Tape] = {}
+    for tape in tapes:
+        other = first.setdefault(tape.name, tape)
+        if other is not tape and other.texture_key != tape.texture_key:
+            said = f"tapes of sectors {other.sector} and {tape.sector}" if other.sector != tape.sector else "two tapes"
+            message = f"{said} are both named {tape.name}, and {what} names its tape by that alone"
+            raise SpecError(Problem("tape", f"{message}; make one of them with another name, or leave it out"))
+
+
 def _kits_at(path: Path) -> list[Path]:
     """A kit itself, the kits of a panel, or the kits and panels in a folder that is neither."""
     try:

@@ -37,7 +37,7 @@ from tactape_fab.sense.files.arm_poses import ArmPose
 from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.texture.registry import TapeLike, as_tapes
+from tactape_fab.texture.registry import TapeLike, as_tapes, refuse_equal_names
 from tactape_fab.texture.tape import Tape
 
 ROUNDS = 3
@@ -90,6 +90,7 @@ def calibrate_sensor(
         If frames are no depth maps, show no tape or another one, are too few, or say too little of the camera; with the remedy.
     """
     registered, given = as_tapes(tapes), as_sensor(like)
+    refuse_equal_names(registered, "a press")
     images, bad = checked_frames(frames)
     height, width = images[0].shape
     start = fitted_size((height, width), given)

@@ -310,6 +310,13 @@ class Localization:
         return values
 
 
+def tape_named(fix: Localization) -> tuple[str | None, int | None, tuple[int, int] | None]:
+    """Name, sector and origin of the tape of an answer: all that it says of which one it is."""
+    if fix.index is None or fix.cell is None:
+        return fix.tape, fix.sector, None
+    return fix.tape, fix.sector, (fix.index[0] - fix.cell[0], fix.index[1] - fix.cell[1])
+
+
 def refuse_no_answer(fix: object) -> None:
     """Refuse what is no answer of a localizer. Raises SpecError."""
     refuse_other(fix, Localization, "fix", "Localization", "what Localizer.locate returns")

@@ -13,7 +13,7 @@ from tactape_fab.texture.as_built import manifest_digest
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
-from tactape_fab.texture.registry import read_registered
+from tactape_fab.texture.registry import read_registered, refuse_equal_names
 from tactape_fab.texture.tape import Tape
 
 
@@ -29,7 +29,7 @@ class WantedTape:
 def read_wanted(kit: str | Path) -> list[WantedTape]:
     """The tapes of a kit, of a panel, or of a folder of kits.
 
-    Raises SpecError if there is none, or a tape is no film with parts.
+    Raises SpecError if there is none, a tape is no film with parts, or two have one name.
     """
     entries = read_registered([kit])
     offsets = _offsets(Path(kit))
@@ -37,6 +37,7 @@ def read_wanted(kit: str | Path) -> list[WantedTape]:
     if solid:
         message = f"{', '.join(solid)} carries no assembled parts; inspect reads scans of a film with resistors on it"
         raise SpecError(Problem("tape", message))
+    refuse_equal_names((entry.tape for entry in entries), "a file of places")
     return [
         WantedTape(
             tape=entry.tape,

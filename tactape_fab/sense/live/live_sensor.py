@@ -16,6 +16,7 @@ from tactape_fab.sense.decode.result import refuse_no_answer
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.opening import Wishes, open_watch
 from tactape_fab.sense.live.watch import watch
+from tactape_fab.texture.registry import refuse_equal_names
 from tactape_fab.texture.tape import refuse_no_tapes
 
 if TYPE_CHECKING:
@@ -173,9 +174,10 @@ def observation_names(tapes: Sequence[Tape]) -> list[str]:
     Raises
     ------
     SpecError
-        If an argument is of another type.
+        If an argument is of another type, or two tapes have one name.
     """
     refuse_no_tapes(tapes, "tapes")
+    refuse_equal_names(tapes, "an observation")
     return [f"on_{tape.name}" for tape in tapes] + list(_OF_FIX)
 
 
@@ -200,7 +202,7 @@ def observation(fix: Localization, tapes: Sequence[Tape]) -> dict[str, float]:
     Raises
     ------
     SpecError
-        If an argument is of another type.
+        If an argument is of another type, or two tapes have one name.
     """
     refuse_no_answer(fix)
     values = dict.fromkeys(observation_names(tapes), 0.0) | {"p_false": 1.0}

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 UNMEASURED = 1e6
 """Variance (m², rad²) of z, roll and pitch, which a contact does not show: so large that a filter ignores them."""
 
+FRAME_BY_NAME = "a frame of poses"
+"""What is called after a tape alone, as `refuse_equal_names` says it."""
 _NS = 1_000_000_000
 _LAST_S = 2**31
 _MM_TO_M = 1e-3

@@ -10,14 +10,15 @@ from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
-from tactape_fab.base.errors import FrameError, Problem, SpecError, TactapeError
+from tactape_fab.base.errors import FrameError, Problem, SpecError, TactapeError, tried
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.files.image_message import depth_of
 from tactape_fab.sense.files.jobs import prepare_without_frames
 from tactape_fab.sense.live.counts import Tally
-from tactape_fab.sense.live.messages import header, pose_message, text_message, transform_message
+from tactape_fab.sense.live.messages import FRAME_BY_NAME, header, pose_message, text_message, transform_message
 from tactape_fab.sense.live.sources import Frame, Trouble
 from tactape_fab.sense.live.watch import Watch, watch
+from tactape_fab.texture.registry import refuse_equal_names
 
 if TYPE_CHECKING:
     from tactape_fab.sense.files.jobs import Located
@@ -228,6 +229,8 @@ def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:
     problems: list[Problem] = table.problems
     wishes = {name: given[name] for name in ("world", "max_p_false")}
     job = prepare_without_frames(list(given["kits"]), given["sensor"], problems, **wishes)
+    if job is not None and not given["frame_id"]:
+        tried(lambda: refuse_equal_names(job.tapes, FRAME_BY_NAME), problems)
     if problems:
         raise SpecError(problems)
     assert job is not None

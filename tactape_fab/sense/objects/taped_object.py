@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.templates import read_toml
-from tactape_fab.sense.decode.result import refuse_no_answer, state_of
+from tactape_fab.sense.decode.result import refuse_no_answer, state_of, tape_named
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
 from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, texture_surface
 from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy, to_quaternion
@@ -97,10 +97,8 @@ class TapedObject:
         refuse_no_answer(fix)
         if not fix.located or None in (fix.index, fix.cell, fix.position_mm, fix.theta_deg):
             return None
-        assert fix.index is not None and fix.cell is not None
-        place = (fix.tape, fix.sector, (fix.index[0] - fix.cell[0], fix.index[1] - fix.cell[1]))
         for entry in self.tapes:
-            if place == _place(entry.tape):
+            if tape_named(fix) == _place(entry.tape):
                 return texture_surface(entry.mount, entry.tape)
         return None
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.decode.result import Localization, tape_named
 from tactape_fab.sense.decode.search.search import MOST_RADIUS_MM, Prior
 from tactape_fab.sense.track.change import Change
 from tactape_fab.texture.frames import FloatArray
@@ -152,13 +152,17 @@ class Slip:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pose:
-    """A located fix as numbers: (x mm, y mm, theta rad), with its covariance; and the fix."""
+    """A located fix as numbers: (x mm, y mm, theta rad), with its covariance; and the fix.
+
+    which: Sector and origin of the tape: another tape may have the same name.
+    """
 
     timestamp: float
     tape: str
     at: FloatArray
     covariance: FloatArray
     fix: Localization | None = None
+    which: tuple[int | None, tuple[int, int] | None] = (None, None)
 
 
 def pose_of(fix: Localization, timestamp: float) -> Pose | None:
@@ -166,7 +170,7 @@ def pose_of(fix: Localization, timestamp: float) -> Pose | None:
     if not fix.located or fix.position_mm is None or fix.theta_deg is None or fix.tape is None or fix.covariance is None:
         return None
     at = np.array([*fix.position_mm, radians(fix.theta_deg)])
-    return Pose(timestamp=timestamp, tape=fix.tape, at=at, covariance=fix.covariance, fix=fix)
+    return Pose(timestamp=timestamp, tape=fix.tape, at=at, covariance=fix.covariance, fix=fix, which=tape_named(fix)[1:])
 
 
 def difference(new: FloatArray, old: FloatArray) -> FloatArray:

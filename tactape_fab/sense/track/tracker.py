@@ -249,7 +249,8 @@ def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
     """Whether a pose is out of reach of any motion within the contact."""
     if before.began is None:
         return False
-    return pose.tape != before.line[-1].tape or (prior is not None and not within(pose, prior))
+    last = before.line[-1]
+    return (pose.tape, pose.which) != (last.tape, last.which) or (prior is not None and not within(pose, prior))
 
 
 def _moved(state: _State, pose: Pose, motion: Motion, sensor: SensorProfile) -> tuple[_State, Slip, bool]:

@@ -14,7 +14,7 @@ from tactape_fab import Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.texture import registry
 from tactape_fab.texture.packed import pack
-from tactape_fab.texture.registry import as_tapes, labels, read_registered, read_tapes
+from tactape_fab.texture.registry import as_tapes, labels, read_registered, read_tapes, refuse_equal_names
 from tests.measured import measured
 from tests.tapes import tape_at
 
@@ -25,6 +25,13 @@ def kit(folder: Path, sector: int, name: str | None = None, **more: Any) -> Path
     content = {"format": "tactape-manifest/1", **tape_at(sector, (6, 5), name=name).to_mapping(), **more}
     (folder / "manifest.json").write_text(json.dumps(content))
     return folder
+
+
+def test_equal_names_are_those_of_two_textures() -> None:
+    tape, wider = tape_at(7, (6, 5), name="a"), tape_at(7, (9, 5), name="a")
+    refuse_equal_names([tape, wider, tape, tape_at(8, (6, 5), name="b")], "it")
+    with pytest.raises(SpecError, match="tapes of sectors 7 and 8 are both named a, and it names its tape by that alone"):
+        refuse_equal_names([tape, tape_at(8, (6, 5), name="a")], "it")
 
 
 def digest_of(folder: Path) -> str:

@@ -31,8 +31,12 @@ class Registry:
 
 
 def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
-    """A registry of tapes, the world closed where unregistered ones have no share."""
+    """A registry of tapes, the world closed where unregistered ones have no share.
+
+    Raises SpecError for two tapes that an answer cannot name apart.
+    """
     kept = distinct(tapes)
+    _refuse_one_place(kept)
     return Registry(
         tapes=tuple(kept),
         families=tuple(families(kept, open_world=unregistered_share > 0.0)),
@@ -48,6 +52,16 @@ def distinct(tapes: Sequence[Tape]) -> list[Tape]:
         key = (*tape.texture_key, tape.pitch_mm, tape.displacement_mm, tape.directions)
         kept[key] = _union(kept[key], tape) if key in kept else tape
     return list(kept.values())
+
+
+def _refuse_one_place(tapes: Sequence[Tape]) -> None:
+    """Refuse textures of one name, sector and origin, which is all that an answer says of its tape. Raises SpecError."""
+    first: dict[tuple[str, int, tuple[int, int]], Tape] = {}
+    for tape in tapes:
+        if first.setdefault((tape.name, tape.sector, tape.origin), tape) is not tape:
+            message = f"two tapes of different texture have the name {tape.name}, sector {tape.sector} and one origin"
+            remedy = "make one of them with another name, or leave it out"
+            raise SpecError(Problem("tape", f"{message}, by which an answer names its tape; {remedy}"))
 
 
 def _union(first: Tape, other: Tape) -> Tape:

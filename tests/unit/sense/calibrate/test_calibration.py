@@ -219,6 +219,12 @@ def test_another_tape_is_named() -> None:
         calibrate_sensor(presses().frames, [other], TRUE)
 
 
+def test_presses_on_tapes_of_one_name_are_refused() -> None:
+    other = replace(tape_at(9, (62, 32)), name=TAPE.name)
+    with pytest.raises(SpecError, match=r"tapes of sectors 7 and 9 are both named .* make one of them with another name"):
+        calibrate_sensor(presses().frames, [TAPE, other], TRUE)
+
+
 def test_a_tape_of_another_pitch_is_not_found() -> None:
     other = replace(TAPE, pitch_mm=5.0, displacement_mm=0.8)
     with pytest.raises(SpecError, match=r"is not seen in any of 10 frames.*check that it is the tape that was pressed"):

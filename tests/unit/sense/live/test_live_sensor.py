@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -98,5 +99,7 @@ def test_an_answer_as_numbers() -> None:
     assert (values["on_s3"], values[f"on_{TAPE.name}"], values["located"]) == (0.0, 1.0, 1.0)
     assert [values[name] for name in ("x_mm", "y_mm", "x_var_mm2", "theta_var_rad2", "p_false")] == [3.0, 4.0, 1e-4, 3e-6, 1e-9]
     assert (values["theta_sin"], values["theta_cos"]) == pytest.approx((0.0, -1.0))
+    with pytest.raises(SpecError, match="an observation names its tape by that alone"):
+        observation_names([replace(tapes[0], name=TAPE.name), TAPE])
     lost = observation(Localization(status="none", located=False, p_false=0.2), tapes)
     assert list(lost) == list(values) and lost["p_false"] == 1.0 and sum(lost.values()) == 1.0

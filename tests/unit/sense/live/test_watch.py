@@ -33,6 +33,7 @@ from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble
 from tactape_fab.sense.live.status_lines import end_lines, status_line
 from tactape_fab.sense.live.watch import MOST_SCALES, Watch, watch
 from tests.live import JOB, at_once, npy, ramp, save_npz
+from tests.tapes import tape_at
 from tests.thorough import costly
 
 
@@ -385,6 +386,20 @@ def test_watch_refuses_with_words(default_kit: Kit, frames: Path, arguments: str
     assert (result.exit_code, result.stdout) == (2, "")
     assert all(line.startswith("error: ") for line in result.stderr.splitlines())
     assert [word for word in words if word not in result.stderr] == []
+
+
+@pytest.mark.parametrize("output", ["--mcap {folder}/a.mcap", "--save {folder}/a.rrd", "--zenoh local"])
+def test_tapes_of_one_name_have_no_frames_of_their_own(default_kit: Kit, frames: Path, tmp_path: Path, output: str) -> None:
+    kits = []
+    for sector in (8, 9):
+        (kit := tmp_path / f"kit{sector}").mkdir()
+        content = {"format": "tactape-manifest/1", **tape_at(sector, (30, 20), name="a").to_mapping()}
+        (kit / "manifest.json").write_text(json.dumps(content))
+        kits.append(str(kit))
+    result = run(f"{frames} --rate 9 --tape {' '.join(kits)} {output.format(folder=tmp_path)}")
+    assert result.exit_code == 2
+    assert "error: tapes of sectors 8 and 9 are both named a, and a frame of poses names its tape" in result.stderr
+    assert not (tmp_path / "a.mcap").exists() and not (tmp_path / "a.rrd").exists()
 
 
 def test_nothing_is_written_over(default_kit: Kit, frames: Path, tmp_path: Path) -> None:

@@ -94,6 +94,13 @@ def test_another_tape_is_a_jump_and_an_unknown_one_no_fix(localizer: Localizer) 
     assert [kind for _, kind in kinds(unknown)][:2] == ["begin", "lost"]
 
 
+def test_a_tape_of_the_same_name_is_another_tape() -> None:
+    other = replace(tape_of(30), name=TAPE.name)
+    there = dots((30, 20), 37.0, (5.0, 5.0), texture_of(other))
+    tracks = follow(Tracker(Localizer([TAPE, other])), [*[at(30, 20)] * 2, *[there] * 2])
+    assert tracks[2].fix.sector == 30 and kinds(tracks) == [(0, "begin"), (2, "jump")]
+
+
 def test_what_was_known_lapses(localizer: Localizer) -> None:
     motion = Motion(radius_mm=1.0, speed_mm_s=10.0, reach_mm=4.05)
     tracker = Tracker(localizer, motion)

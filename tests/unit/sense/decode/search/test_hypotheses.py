@@ -45,6 +45,14 @@ def test_a_measured_tape_and_its_design_are_not_told_apart() -> None:
     assert [of is None for of in alone.built] == [False] and [of is None for of in beside.built] == [False, True]
 
 
+def test_tapes_that_an_answer_cannot_name_apart_are_refused() -> None:
+    tape = tape_at(7, (12, 10))
+    register([tape, replace(tape_at(8, (12, 10)), name=tape.name)], unregistered_share=0.0)  # told apart by their sectors
+    other = replace(tape, code="touch-1", symbols=np.rot90(tape.symbols, 2).copy())
+    with pytest.raises(SpecError, match=r"two tapes of different texture have the name .* make one of them with another name"):
+        register([replace(tape, code="touch-1"), other], unregistered_share=0.0)
+
+
 def test_the_world_is_open_where_strangers_have_a_share() -> None:
     for share, is_open in ((0.0, False), (1e-9, True), (0.5, True)):
         registry = register([tape_at(7, (12, 10))], unregistered_share=share)
