@@ -22,6 +22,8 @@ LINE_FIXES = 4
 """Number of fixes to which constant velocity is fitted."""
 LINE_S = 0.5
 """Age, s, above which fixes are not used for the velocity."""
+_LEAST_SPREAD_S2 = 1e-18
+"""Sum of squared times, s^2, below which fixes were taken at one time, and say nothing of a velocity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,7 +190,10 @@ def velocity_of(line: Sequence[Pose], motion: Motion) -> FloatArray:
     time = np.array([pose.timestamp for pose in recent])
     at = np.array([difference(pose.at, line[-1].at) for pose in recent])
     time -= time.mean()
-    slope: FloatArray = time @ (at - at.mean(axis=0)) / (time @ time)
+    spread = float(time @ time)
+    if spread < _LEAST_SPREAD_S2:
+        return np.zeros(3)
+    slope: FloatArray = time @ (at - at.mean(axis=0)) / spread
     speed = hypot(float(slope[0]), float(slope[1]))
     slope[:2] *= min(1.0, motion.speed_mm_s / speed) if speed > 0.0 else 1.0
     slope[2] = np.clip(slope[2], -radians(motion.turn_deg_s), radians(motion.turn_deg_s))

@@ -189,7 +189,7 @@ class Tracker:
     def _prior(self, timestamp: float) -> Prior | None:
         last = self._state.timestamp
         number: object = timestamp
-        if not isinstance(number, Real) or not abs(timestamp) < 1e300:
+        if not isinstance(number, Real) or not abs(float(number)) < 1e300:
             raise FrameError(f"timestamp = {number!r} is no time; give seconds")
         if last is not None and timestamp <= last:
             raise FrameError(f"timestamp = {timestamp} s is not after {last} s; give frames in their order, or reset the tracker")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from math import radians
 
@@ -129,6 +130,9 @@ def test_times_run_forward_and_a_refused_frame_changes_nothing(localizer: Locali
     with pytest.raises(FrameError, match="shape"):
         tracker.update(np.zeros((3, 3)), 5.1)
     assert tracker.update_dots(at(30, 20), timestamp=5.04).events == ()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert tracker.update_dots(at(30, 20), timestamp=np.float32(6.0)).contact  # type: ignore[arg-type]
     tracker.reset()
     assert [event.kind for event in tracker.update_dots(at(30, 20), timestamp=1.0).events] == ["begin"]
 
@@ -168,6 +172,11 @@ def test_no_velocity_is_faster_than_the_motion() -> None:
     line = [pose(0.0, 0.0, 0.0, 0.0), pose(0.01, 3.0, 4.0, 90.0)]
     assert velocity_of(line, Motion(speed_mm_s=50.0, turn_deg_s=100.0)).tolist() == pytest.approx([30.0, 40.0, radians(100.0)])
     assert velocity_of([pose(0.0, 0.0, 0.0, 0.0), pose(5.0, 3.0, 4.0, 90.0)], Motion()).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_fixes_of_one_time_say_nothing_of_a_velocity() -> None:
+    for gap_s in (1e-200, 1e-160, 1e-12):
+        assert velocity_of([pose(0.0, 0, 0, 0), pose(gap_s, 3.0, 4.0, 90.0)], Motion()).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_slip_is_measured_in_the_errors_of_both_poses() -> None:
