@@ -171,7 +171,8 @@ class Localization:
     def tilt_deg(self) -> tuple[float, float] | None:
         """Angles by which the tape rises towards the sensor along image u and v, degrees.
 
-        They are those of the parts' tops in the image's centre. None where fewer than eight tops are seen.
+        They are those of the parts' tops in the image's centre. None where fewer than eight tops are seen, or the
+        tape would be steeper than 30 degrees: the frame is then in another unit.
         """
         tilt = None if self.contact is None else self.contact.tilt
         return None if tilt is None else (degrees(tilt[0][0]), degrees(tilt[0][1]))

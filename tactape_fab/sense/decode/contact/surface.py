@@ -134,9 +134,18 @@ class ContactSurface:
         return self.view.on_gel(self.dots_px[whole]), tops_mm, np.minimum(self.heights[whole], 1.0) ** 2
 
     @cached_property
-    def plane(self) -> Plane | None:
-        """The plane of the tops."""
+    def _fitted(self) -> Plane | None:
+        """The plane of the tops, if their depths are millimetres."""
         return fit_plane(*self._tops, self.view.gel.crown_mm)
+
+    @cached_property
+    def plane(self) -> Plane | None:
+        """The plane of the tops; None where it is steeper than any contact, so that depths are no millimetres."""
+        return None if self._steep else self._fitted
+
+    @property
+    def _steep(self) -> bool:
+        return self._fitted is not None and hypot(*self._fitted.rise[1:]) > MOST_SLOPE
 
     def slope(self) -> FloatArray | None:
         """Slopes, shape (2,), of a tape that is tilted by 1 to 30 degrees; None of any other, or one not known to be.
@@ -149,7 +158,7 @@ class ContactSurface:
         if self.plane is None:
             return None
         slope = self.plane.rise[1:]
-        return slope if LEAST_SLOPE**2 < float(slope @ slope) < MOST_SLOPE**2 else None
+        return slope if float(slope @ slope) > LEAST_SLOPE**2 else None
 
     def as_film(self) -> bool:
         """Whether the tops' curvature beyond the gel's crown is about one axis at most: a film is not bent into a dome."""
@@ -166,6 +175,8 @@ class ContactSurface:
 
         Neither is known where the tops would not be in the gel, or the gel would pull: the frame has another zero, or unit.
         """
+        if self._steep:
+            return None, None
         force, zero = self._by_layer
         if zero is None or self.plane is None:
             return force, zero

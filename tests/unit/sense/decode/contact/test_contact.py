@@ -223,6 +223,20 @@ def test_a_frame_that_counts_from_elsewhere_or_in_another_unit_says_no_depth(cha
     assert fix.transform("texture", origin="gel") is None
 
 
+@pytest.mark.parametrize(
+    "change", [lambda d: ((d - d.min()) * 5e4).astype(np.uint16), lambda d: d + np.linspace(0, 40, d.shape[1])]
+)
+def test_a_frame_in_another_unit_says_no_tilt(change: Callable[[Any], Any]) -> None:
+    frame = frame_of(2.0)
+    fix = located(replace(frame, depth=change(frame.depth)))
+    assert [getattr(fix, name) for name in NOTHING] == [None] * 6
+    upright = located(frame, replace(SENSOR, depth_unit_mm=None))
+    pose, covariance = fix.transform("board"), fix.covariance6("board")
+    assert pose is not None and covariance is not None
+    assert pose == pytest.approx(upright.transform("board"), abs=1e-3)
+    assert np.isinf(covariance.diagonal()[2:5]).all()
+
+
 def test_the_mapping_is_plain_json() -> None:
     told = json.loads(json.dumps(located(frame_of(2.0)).to_mapping(0), allow_nan=False))
     assert np.shape(told["tilt_deg"]) == (2,) and np.shape(told["tilt_covariance"]) == (2, 2)
