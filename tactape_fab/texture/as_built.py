@@ -29,6 +29,7 @@ from tactape_fab.texture.as_built_file import (
     rounded,
 )
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+from tactape_fab.texture.manifest import MANIFEST_NAME
 
 NOMINAL = "none"
 """Given in the place of a file: the places of the design."""
@@ -356,6 +357,18 @@ def _is_beside(path: Path) -> bool:
 def refuse_other_places(path: Path, key: str) -> None:
     """Refuse a path for measured places, named by an option, in no folder or where something else lies. Raises SpecError."""
     refuse_taken_place(path, key, ours=lambda file: AsBuilt.load(file) is not None, kind="no file of places")
+
+
+def refuse_other_kit(path: Path, digest: str, key: str) -> None:
+    """Refuse a path for measured places, named by an option, where they would be taken for those of another kit.
+
+    digest: `manifest_digest` of the kit that they are of.
+    Raises SpecError.
+    """
+    manifest = path.parent / MANIFEST_NAME
+    if path.name == AS_BUILT_NAME and manifest.is_file() and manifest_digest(manifest) != digest:
+        message = f"{key} = {shown_path(path)} is where the places of another kit belong, that of {shown_path(manifest)}"
+        raise SpecError(Problem(key, f"{message}; nothing was touched; give the folder of this kit, or another name"))
 
 
 def manifest_digest(manifest: str | Path) -> str:

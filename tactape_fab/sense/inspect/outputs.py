@@ -12,7 +12,7 @@ from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.sense.inspect.complaint import HEADER, complaint_csv
 from tactape_fab.sense.inspect.result import Inspection
-from tactape_fab.texture.as_built import refuse_other_places
+from tactape_fab.texture.as_built import refuse_other_kit, refuse_other_places
 
 
 def check_output(output: Path) -> None:
@@ -59,12 +59,14 @@ def output_paths(output: Path, inspections: Sequence[Inspection]) -> list[Path]:
 def write_outputs(paths: Sequence[Path], inspections: Sequence[Inspection]) -> list[Path]:
     """Write the places and, beside the first file, the deviations of all tapes as ...-deviations.csv.
 
-    Raises SpecError if a file is there that no inspection wrote; nothing is written then.
+    Raises SpecError if a file is there that no inspection wrote, or it is in another kit; nothing is written then.
     Raises TactapeError if a file cannot be written; an older file is left unchanged.
     """
     stem = paths[0].stem if len(paths) == 1 else paths[0].stem.removesuffix(f"-{inspections[0].tape.name}")
     table = _table_beside(paths[0], stem)
     _refuse_other(paths, table)
+    for path, inspection in zip(paths, inspections, strict=True):
+        refuse_other_kit(path, inspection.manifest_sha256, "output")
     written = [inspection.as_built().write(path) for path, inspection in zip(paths, inspections, strict=True)]
     write_file(table, complaint_csv(inspections).encode("utf-8"), "o", overwrite=True)
     return [*written, table]

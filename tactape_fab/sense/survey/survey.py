@@ -22,7 +22,7 @@ from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.survey.adjust import COMMON, Adjusted, Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, Ground, contact_of, ground_of
 from tactape_fab.sense.survey.poses import RobotPose, in_plane
-from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Film, Given, manifest_digest, refuse_other_places
+from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Film, Given, manifest_digest, refuse_other_kit, refuse_other_places
 from tactape_fab.texture.as_built_file import file_of
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.manifest import find_manifest
@@ -124,6 +124,8 @@ def survey_files(
                 Problem("frames", "the files are of sensors with different px/mm; survey them one by one with --from")
             )
         profile = replace(profile, px_per_mm=scales.pop())
+    if output is not None and tape is not None:
+        tried(lambda: refuse_other_kit(file_of(Path(output)), manifest_digest(find_manifest(kit)), "output"), problems)
     if problems:
         raise SpecError(problems)
     assert tape is not None and profile is not None and files is not None and robot is not None

@@ -145,6 +145,7 @@ def test_survey_writes_places_that_decode_takes(kit: Path) -> None:
         ("survey frames.npz --tape nothing -o out.json", "nothing is no kit"),
         ("survey frames.npz --tape kit -o kit/manifest.json", "is no file of places; nothing was touched; use another name"),
         (f"survey frames.npz --tape kit -o {'n' * 300}.json", "cannot be looked at: File name too long; use another name"),
+        ("survey frames.npz --tape kit -o other", "where the places of another kit belong, that of other/manifest.json"),
         ("survey frames.npz --tape kit -o nowhere/out.json", "there is no folder of that name"),
         ("survey frames.npz --tape kit -o out.json --poses nothing.csv", "nothing.csv cannot be opened"),
         ("survey frames.npz --tape kit -o out.json --from other.json", "another kit"),
@@ -155,8 +156,10 @@ def test_survey_writes_places_that_decode_takes(kit: Path) -> None:
 def test_surveys_that_are_refused(kit: Path, args: str, said: str) -> None:
     built = AsBuilt.load(kit).to_mapping() | {"manifest_sha256": "1" * 64}
     Path("other.json").write_text(json.dumps(built))
+    Path("other").mkdir()
+    Path("other/manifest.json").write_text("{}")
     np.savez("frames.npz", depth=np.random.default_rng(1).normal(0.0, 0.01, (3, 240, 320)).astype(np.float32))
     result = run(args)
     assert result.exit_code == 2
     assert said in result.stderr
-    assert not Path("out.json").exists()
+    assert not Path("out.json").exists() and not Path("other/as-built.json").exists()

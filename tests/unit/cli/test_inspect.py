@@ -96,6 +96,13 @@ def test_a_file_that_no_inspection_wrote_is_kept(taken: str, flat_kit: Kit, scan
     assert (tmp_path / taken).read_bytes() == (flat_kit.path / "manifest.json").read_bytes()
 
 
+def test_the_places_of_another_kit_are_kept(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_bytes((flat_kit.path / "manifest.json").read_bytes() + b" ")
+    result = run(scans["good"], "--tape", flat_kit.path, "-o", tmp_path / "as-built.json")
+    assert result.exit_code == 2 and "is where the places of another kit belong" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+
+
 def test_a_picture_of_another_s_is_kept_and_nothing_written(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
     mine = tmp_path / f"{flat_kit.tape.name}-places.png"
     mine.write_bytes(b"mine")
