@@ -34,6 +34,10 @@ _MOST_HEADER_BYTES = 10_000
 _MOST_MEMBERS = 1000
 _SHOWN = 100
 _REMEDY = "give an .npz with an array 'depth' of shape (N, h, w) or (h, w), an .npy, or a 16-bit .png or .tif"
+_REMEDIES = {
+    "timestamp": "give seconds, of dates such as times.astype('datetime64[ns]').astype('int64') / 1e9, or leave it out",
+    "px_per_mm": "give one number or two, or leave it out",
+}
 
 Depth = npt.NDArray[Any]
 T = TypeVar("T")
@@ -174,10 +178,10 @@ def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayH
                 has = ", ".join(sorted(named)) or "nothing"
                 raise SpecError(f"it has no array '{name}', only {has[:_SHOWN]}; {_REMEDY}")
             with archive.open(name + ".npy") as member:
-                yield member, read_array_header(member)
+                yield member, read_array_header(member, name)
 
 
-def read_array_header(stream: IO[bytes]) -> ArrayHeader:
+def read_array_header(stream: IO[bytes], name: str = "depth") -> ArrayHeader:
     """Read an array's header; object arrays, which need pickle, are refused. Raises SpecError, ValueError."""
     try:
         with warnings.catch_warnings():
@@ -196,7 +200,8 @@ def read_array_header(stream: IO[bytes]) -> ArrayHeader:
     except Exception as error:  # numpy tokenizes an invalid literal, and passes on the tokenizer's exceptions
         raise ValueError(f"the header of an array is damaged ({type(error).__name__})") from error
     if dtype.hasobject or dtype.kind not in "fiub":
-        raise SpecError(f"it holds values of type {shown(str(dtype))}, not real numbers; {_REMEDY}")
+        held = f"holds values of type {shown(str(dtype))}, not real numbers"
+        raise SpecError(f"it {held}; {_REMEDY}" if name == "depth" else f"{name} {held}; {_REMEDIES[name]}")
     if any(n < 0 for n in shape):
         raise ValueError(f"its shape is {shape}")
     return ArrayHeader(shape=shape, fortran=fortran and len(shape) > 1, dtype=dtype)
