@@ -70,8 +70,9 @@ class Recording:
 
 
 def upright(sensor: SensorProfile) -> SensorProfile:
-    """The profile of canonical depth maps in metres."""
-    return replace(sensor, sign=1, mirror=False, rotate90=0, depth_unit_mm=_OF_OURS)
+    """The profile of canonical depth maps in metres, or in the sensor's own unit where its profile says none."""
+    unit_mm = None if sensor.depth_unit_mm is None else _OF_OURS
+    return replace(sensor, sign=1, mirror=False, rotate90=0, depth_unit_mm=unit_mm)
 
 
 def is_recording(path: str | Path) -> bool:

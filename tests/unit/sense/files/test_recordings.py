@@ -26,7 +26,7 @@ from tactape_fab import Kit
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.base.libraries import library
 from tactape_fab.cli import main
-from tactape_fab.sense import load_sensor, simulate_frames
+from tactape_fab.sense import Scene, load_sensor, simulate, simulate_frames
 from tactape_fab.sense.files import mcap_images
 from tactape_fab.sense.files.image_message import colour_of, image_of
 from tactape_fab.sense.files.recordings import is_recording, open_recording
@@ -79,6 +79,15 @@ def test_our_own_log_is_decoded_as_its_frames_are(sensor: str, default_kit: Kit,
         assert one["theta_deg"] == pytest.approx(other["theta_deg"], abs=1e-4)
         if sensor == "gelsight-mini":  # DIGIT's profile knows no gel
             assert one["indentation_mm"] == pytest.approx(other["indentation_mm"], rel=1e-3)
+
+
+def test_depths_of_a_log_without_a_unit_say_nothing_of_the_contact(default_kit: Kit, tmp_path: Path) -> None:
+    kit, log = default_kit.path, tmp_path / "f.mcap"
+    depth = simulate(default_kit.tape, (40.0, 20.0), 10.0, sensor="digit", scene=Scene(tilt_mm_per_mm=(0.0, 0.0), dome_mm=0.0))
+    np.save(tmp_path / "f.npy", 1e-3 * (depth - depth.min()) / np.ptp(depth))  # DIGIT's profile says no unit
+    assert run(f"watch {tmp_path}/f.npy --rate 20 --no-drop --tape {kit} --sensor digit --mcap {log}").exit_code == 0
+    (answer,) = answers(run(f"decode {log} --tape {kit} --sensor digit --json"))
+    assert answer["located"] and [answer[key] for key in ("tilt_deg", "indentation_mm")] == [None, None]
 
 
 @pytest.mark.parametrize("mode", [None, CompressionMode.STORAGE])
