@@ -10,6 +10,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.decode.search.built_places import Built, built_of
 from tactape_fab.sense.decode.search.families import Family, families
+from tactape_fab.texture.as_built import AsBuilt
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
@@ -64,9 +65,16 @@ def _refuse_one_place(tapes: Sequence[Tape]) -> None:
             raise SpecError(Problem("tape", f"{message}, by which an answer names its tape; {remedy}"))
 
 
+def _measured_alike(first: AsBuilt | None, other: AsBuilt | None) -> bool:
+    """Whether two tapes of one texture rest on the same places: those of one kit that was read twice do."""
+    if first is None or other is None:
+        return first is other
+    return first is other or first.to_mapping() == other.to_mapping()
+
+
 def _union(first: Tape, other: Tape) -> Tape:
     """The first tape with the grid points of both."""
-    if first.as_built is not other.as_built:
+    if not _measured_alike(first.as_built, other.as_built):
         message = (
             f"{first.name} and {other.name} have one texture, so a touch cannot tell which of them was measured; "
             "give only the one that is touched, or read both with as_built='none'"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactape_fab import Tape
+from tactape_fab import AsBuilt, Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense.decode.search.hypotheses import distinct, register
 from tests.measured import measured
@@ -41,6 +41,14 @@ def test_a_measured_tape_and_its_design_are_not_told_apart() -> None:
     with pytest.raises(SpecError, match="a touch cannot tell which of them was measured"):
         distinct([known, replace(known, as_built=None)])
     assert len(distinct([known, known])) == 1
+    assert known.as_built is not None
+    again = AsBuilt.from_mapping(known.as_built.to_mapping())  # the file, read twice
+    read_twice = [replace(known, as_built=AsBuilt.from_mapping(again.to_mapping())) for _ in range(2)]
+    (one,) = distinct(read_twice)
+    assert one.as_built is read_twice[0].as_built
+    moved = replace(again, dx_mm=again.dx_mm + 0.01)
+    with pytest.raises(SpecError, match="a touch cannot tell which of them was measured"):
+        distinct([replace(known, as_built=again), replace(known, as_built=moved)])
     alone, beside = register([known], unregistered_share=0.0), register([known, tape_at(8, (12, 10))], unregistered_share=0.5)
     assert [of is None for of in alone.built] == [False] and [of is None for of in beside.built] == [False, True]
 
