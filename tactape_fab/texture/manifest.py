@@ -18,6 +18,10 @@ MANIFEST_FORMAT = "tactape-manifest/1"
 PANEL_FORMAT = "tactape-panel/1"
 
 
+PACKED_FIRST_LINE = b"tactape-registry/1\n"
+"""Begin of a packed registry, which holds many tapes and is no kit."""
+
+
 MANIFEST_NAME = "manifest.json"
 
 
@@ -72,6 +76,8 @@ def read_any_manifest(file: Path) -> dict[str, Any]:
     """
     try:
         data = read_regular(file, MOST_MANIFEST_BYTES)
+        if data.startswith(PACKED_FIRST_LINE):
+            raise SpecError(f"{file.name} is a packed registry, and one kit is asked for; give the folder of a kit")
         if len(data) > MOST_MANIFEST_BYTES:
             raise SpecError(f"{file.name} is larger than {MOST_MANIFEST_BYTES} bytes; it is not a manifest of this tool")
         content = parse_json(data)

@@ -24,10 +24,11 @@ from tactape_fab.base.json_text import parse_json
 from tactape_fab.texture.board import TAG_IDS
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
+from tactape_fab.texture.manifest import PACKED_FIRST_LINE
 from tactape_fab.texture.plane import MOST_POINTS
 from tactape_fab.texture.tape import NAME_PATTERN, Tape
 
-FIRST_LINE = b"tactape-registry/1\n"
+FIRST_LINE = PACKED_FIRST_LINE
 MOST_TAPES = 65_536
 MOST_INDEX_BYTES = 64 * 1024 * 1024
 MOST_BYTES = 4 * 1024**3

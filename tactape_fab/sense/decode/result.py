@@ -332,6 +332,8 @@ def surface_of(fix: Localization, frame: str, on: OnObject | None) -> Surface | 
         raise SpecError(Problem("frame", message))
     if frame != "object" and on is not None:
         raise SpecError(Problem("on", f"on is for frame = 'object', not {shown(frame)}; leave it out, or give 'object'"))
+    if on is not None and not callable(getattr(on, "surface_of", None)):
+        raise SpecError(Problem("on", f"on = {shown(on)} is no object; give read_object(FILE)"))
     if not fix.located or fix.position_mm is None:
         return None
     if on is not None:

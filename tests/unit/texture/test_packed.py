@@ -108,6 +108,12 @@ def test_the_command_packs_and_the_file_is_given_as_a_tape(tapes: list[Tape], tm
     assert (answer.exit_code, json.loads(answer.stdout)["tape"]) == (0, tapes[0].name)
 
 
+def test_it_is_no_kit_and_says_so(packed: bytes, tmp_path: Path) -> None:
+    (tmp_path / "tapes.registry").write_bytes(packed)
+    with pytest.raises(SpecError, match=r"tapes\.registry is a packed registry, and one kit is asked for; give the folder"):
+        Tape.load(tmp_path / "tapes.registry")
+
+
 def test_measured_tapes_are_not_packed(tapes: list[Tape]) -> None:
     measured = replace(tapes[0], as_built=object.__new__(AsBuilt))
     with pytest.raises(SpecError, match="holds designs only"):

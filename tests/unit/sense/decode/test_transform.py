@@ -268,6 +268,9 @@ def test_a_tilted_tape_says_nothing_of_the_sensor_s_distance_but_from_the_gel(fr
 
 
 def test_objects_and_origins_that_do_not_fit_are_refused() -> None:
+    for path in ("box.toml", 3):
+        with pytest.raises(SpecError, match=rf"on = {path!r} is no object; give read_object\(FILE\)"):
+            TOUCHED.transform("object", on=path)  # type: ignore[arg-type]
     with pytest.raises(SpecError, match="on is for frame = 'object', not 'board'"):
         surface_of(TOUCHED, "board", SimpleNamespace(surface_of=lambda fix: texture_plane))
     with pytest.raises(SpecError, match="origin = 'lens' is neither 'tape' nor 'gel'"):
