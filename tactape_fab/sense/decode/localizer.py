@@ -57,6 +57,9 @@ def _is_number(value: object) -> bool:
 
 def _stamped(found: Localization, start: float, timestamp: float | None) -> Localization:
     """A new answer with its times; `dataclasses.replace` would take 10 us for all its fields, and nobody else has it yet."""
+    given: object = timestamp
+    if isinstance(given, np.number):  # of an array of times; JSON takes Python's own numbers alone
+        timestamp = given.item()
     object.__setattr__(found, "elapsed_ms", (perf_counter() - start) * 1000.0)
     object.__setattr__(found, "timestamp", timestamp)
     return found

@@ -300,7 +300,7 @@ class Localization:
         dict
             Every attribute but `dots` and `contact` by its name, and what the contact says, numbers as Python's own.
         """
-        values: dict[str, Any] = {} if frame is None else {"frame": frame}
+        values: dict[str, Any] = {} if frame is None else {"frame": int(frame)}
         names = [name for one in fields(self) for name in (_PRESSED if one.name == "contact" else (one.name,))]
         for name in names:
             value = getattr(self, name)

@@ -209,5 +209,5 @@ def text_message(frame: int, fix: Localization, thing: TapedObject | None = None
 def header(stamp: int, frame_id: str) -> dict[str, Any]:
     """A std_msgs/Header with a time in ns. Raises SpecError if that is no whole number."""
     refuse_other(stamp, Integral, "stamp", "whole number of ns", "the capture time, such as time.time_ns()")
-    seconds, nanoseconds = divmod(stamp, _NS)
+    seconds, nanoseconds = divmod(int(stamp), _NS)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}

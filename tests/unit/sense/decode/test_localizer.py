@@ -95,6 +95,10 @@ def test_every_field_of_an_answer(localizer: Localizer) -> None:
     assert fix.p_tape > 0 and fix.p_place > 0 and fix.p_false < 1e-4
     assert fix.p_false == pytest.approx(fix.p_tape + fix.p_place)
     assert fix.elapsed_ms > 0 and fix.timestamp == 3.25
+    for stamp in (np.int64(1_700_000_000_123_456_789), np.float32(0.5), np.uint8(3)):  # of arrays of times
+        found = localizer.locate_dots(xy, timestamp=stamp)  # type: ignore[arg-type]
+        assert json.loads(json.dumps(found.to_mapping(np.int64(4))))["timestamp"] == stamp  # type: ignore[arg-type]
+        assert type(found.timestamp) in (int, float)
 
 
 def test_an_answer_is_plain_json() -> None:

@@ -49,6 +49,12 @@ def test_a_pose_is_that_of_the_image_in_the_board_frame(default_kit: Kit) -> Non
     np.testing.assert_allclose(seen_m, board[1] * 1e-3, atol=1e-12)
 
 
+def test_a_stamp_of_an_array_becomes_python_s_own_number() -> None:
+    message = pose_message(fix(), np.int64(5))  # type: ignore[arg-type]
+    assert message is not None
+    assert [type(value) for value in message["header"]["stamp"].values()] == [int, int]
+
+
 @pytest.mark.parametrize("theta_deg", [-179.9, -90.0, 0.0, 90.0, 180.0])
 def test_every_turn_is_a_unit_quaternion(theta_deg: float) -> None:
     q = pose_of(fix(theta_deg=theta_deg))["pose"]["pose"]["orientation"]
