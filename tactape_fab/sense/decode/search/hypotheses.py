@@ -56,13 +56,19 @@ def distinct(tapes: Sequence[Tape]) -> list[Tape]:
 
 
 def _refuse_one_place(tapes: Sequence[Tape]) -> None:
-    """Refuse textures of one name, sector and origin, which is all that an answer says of its tape. Raises SpecError."""
-    first: dict[tuple[str, int, tuple[int, int]], Tape] = {}
+    """Refuse textures of one code that have name, sector and origin in common, which is all that an answer says of its tape.
+
+    Tapes of two codes may have them in common: those of one sector have by default, and who mixes codes knows which is where.
+    Raises SpecError.
+    """
+    first: dict[tuple[str, str, int, tuple[int, int]], Tape] = {}
     for tape in tapes:
-        if first.setdefault((tape.name, tape.sector, tape.origin), tape) is not tape:
-            message = f"two tapes of different texture have the name {tape.name}, sector {tape.sector} and one origin"
+        if first.setdefault((tape.code, tape.name, tape.sector, tape.origin), tape) is not tape:
+            message = (
+                f"two tapes of code '{tape.code}' and different texture have the name {tape.name}, sector {tape.sector} and one "
+            )
             remedy = "make one of them with another name, or leave it out"
-            raise SpecError(Problem("tape", f"{message}, by which an answer names its tape; {remedy}"))
+            raise SpecError(Problem("tape", f"{message}origin, by which an answer names its tape; {remedy}"))
 
 
 def _measured_alike(first: AsBuilt | None, other: AsBuilt | None) -> bool:

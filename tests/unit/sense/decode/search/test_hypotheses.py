@@ -56,8 +56,11 @@ def test_a_measured_tape_and_its_design_are_not_told_apart() -> None:
 def test_tapes_that_an_answer_cannot_name_apart_are_refused() -> None:
     tape = tape_at(7, (12, 10))
     register([tape, replace(tape_at(8, (12, 10)), name=tape.name)], unregistered_share=0.0)  # told apart by their sectors
+    register([tape, replace(tape, code="debruijn-4x4")], unregistered_share=0.0)  # as two codes have them by default
     other = replace(tape, code="touch-1", symbols=np.rot90(tape.symbols, 2).copy())
-    with pytest.raises(SpecError, match=r"two tapes of different texture have the name .* make one of them with another name"):
+    with pytest.raises(
+        SpecError, match=r"two tapes of code 'touch-1' and different texture have the name .* make one of them with another name"
+    ):
         register([replace(tape, code="touch-1"), other], unregistered_share=0.0)
 
 
