@@ -22,11 +22,13 @@ from tactape_fab.sense.calibrate.posedness import (
     LEAST_PRESSES,
     checked_frames,
     corner_sigma_um,
+    frame_fault,
     refuse_few,
     refuse_unspread,
     remarks_of,
     share_of_perfect,
     unseen,
+    without_repeats,
 )
 from tactape_fab.sense.calibrate.presses import Frame, Press, located
 from tactape_fab.sense.calibrate.refined import refined
@@ -98,6 +100,8 @@ def calibrate_sensor(
     if valid is not None and valid.mean() < LEAST_SHARE:
         message = f"only {100 * valid.mean():.1f} % of the pixels change from frame to frame; give frames of different presses"
         raise SpecError(Problem("frames", message))
+    images, repeats = without_repeats(images)
+    bad += repeats
     known = None if known_theta is None else _known(known_theta, len(images))
     rough = find_orientation(images, registered, start, valid)
     if rough is None:
@@ -169,7 +173,11 @@ def _adjusted(
         if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
             break
         before, sensor = after, replace(_with_sigmas(bundle), scale_tolerance=sensor.scale_tolerance)
-    empty = [k for k, fix in enumerate(answers) if not fix.located and fix.status != "solid"]
+    empty = [
+        k
+        for k, (image, fix) in enumerate(zip(images, answers, strict=True))
+        if not fix.located and fix.status != "solid" and frame_fault(image) is None  # a constant frame has no noise to measure
+    ]
     placed = {press.frame: pose for press, pose in zip(kept, bundle.poses, strict=True)}
     fine = refined(images, [p.at(placed[p.frame]) for p in presses if p.frame in placed], bundle.sensor, tapes)
     if len(fine) == len(kept):

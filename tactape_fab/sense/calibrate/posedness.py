@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from hashlib import sha256
 from math import ceil, pi
 
 import numpy as np
@@ -70,6 +71,22 @@ def checked_frames(frames: Iterable[npt.ArrayLike]) -> tuple[list[Frame], list[s
         message = f"no frame shows anything: {bad[0]}; look at how they are saved: depth of the gel, one number a pixel"
         raise SpecError(Problem("frames", message))
     return images, bad
+
+
+def without_repeats(images: Sequence[Frame]) -> tuple[list[Frame], list[str]]:
+    """Frames, those emptied that are an earlier one value by value, as of a file that is given twice; and what is said of it.
+
+    Their errors are the same, too: as presses of their own they would make the camera look surer than it is.
+    """
+    first: dict[bytes, int] = {}
+    again = [(k, j) for k, image in enumerate(images) if (j := first.setdefault(sha256(image.tobytes()).digest(), k)) != k]
+    if not again:
+        return list(images), []
+    repeats = {k for k, _ in again}
+    kept = [np.full_like(image, np.nan) if k in repeats else image for k, image in enumerate(images)]
+    (k, j), number = again[0], len(again)
+    said = "1 frame is an earlier one" if number == 1 else f"{number} frames are earlier ones"
+    return kept, [f"{said} again, value by value (frame {k} is frame {j}); what is there twice counts once"]
 
 
 def _numbers(given: npt.ArrayLike, index: int) -> Frame:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
@@ -203,7 +205,7 @@ def _located(
 ) -> dict[int, Contact]:
     """Contacts by their frames: those that are done, and of the other frames those that are located."""
     count, seen = sum(file.count for file in files), 0
-    frames = enumerate(depth for file in files for depth in file.frames())
+    frames = enumerate(_once(depth for file in files for depth in file.frames()))
     blocks = iter(lambda: [(k, None if k in done else depth) for k, depth in islice(frames, _BLOCK)], [])
     found = dict(done)
     with closing(mapped(partial(_contacts, tape, ground, sensor, ground.nominal_mm + shift), blocks, workers)) as results:
@@ -212,6 +214,15 @@ def _located(
             seen += size
             progress("frames", seen, count)
     return dict(sorted(found.items()))
+
+
+def _once(frames: Iterable[npt.NDArray[Any]]) -> Iterator[npt.NDArray[Any] | None]:
+    """Frames; None for each that is an earlier one value by value: its errors are the same, so it says nothing more."""
+    before: set[bytes] = set()
+    for depth in frames:
+        digest = sha256(depth.tobytes()).digest()
+        yield None if digest in before else depth
+        before.add(digest)
 
 
 def _contacts(

@@ -254,7 +254,18 @@ def test_remarks_say_what_cannot_be_observed() -> None:
     assert any("all presses are turned alike" in r for r in calibrate_sensor(alike, [TAPE], TRUE).remarks)
 
 
+def test_a_frame_that_is_there_twice_counts_once() -> None:
+    frames = presses().frames
+    found, once = (calibrate_sensor([*frames, *more], [TAPE], TRUE) for more in (frames[:4], ()))
+    assert found.quantities == once.quantities and len(found.presses) == 10
+    said = "4 frames are earlier ones again, value by value (frame 10 is frame 0); what is there twice counts once"
+    assert said in found.remarks
+    with pytest.raises(SpecError, match=r"only 3 presses of 12 frames .* a calibration needs 6"):
+        calibrate_sensor([*frames[:3]] * 4, [TAPE], TRUE)
+
+
 def test_a_bad_frame_among_good_ones_is_only_said() -> None:
     frames = [*presses().frames, np.full((240, 320), 1.0, dtype=np.float32)]
     found = calibrate_sensor(frames, [TAPE], TRUE)
     assert len(found.presses) == 10 and "frame 10 is constant: 1 in every pixel" in found.remarks
+    assert found.quantities == calibrate_sensor(presses().frames, [TAPE], TRUE).quantities  # noise, too

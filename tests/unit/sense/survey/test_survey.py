@@ -165,6 +165,13 @@ def test_a_dot_that_is_far_off_does_not_count() -> None:
     assert np.abs(found.shift_mm[at] - clean.shift_mm[at]).max() < 0.01
 
 
+def test_frames_that_are_there_twice_count_once(tmp_path: Path) -> None:
+    _, learn, _ = pressed(40)
+    once, twice = surveyed(tmp_path, learn), surveyed(tmp_path, (*learn, *learn))
+    assert (twice.frames, twice.contacts) == (80, 40)
+    assert np.array_equal(twice.as_built.sigma_mm, once.as_built.sigma_mm)
+
+
 def test_too_few_contacts_are_refused(tmp_path: Path) -> None:
     _, learn, _ = pressed(60)
     with pytest.raises(SpecError, match="only 5 of 5 frames are located"):
