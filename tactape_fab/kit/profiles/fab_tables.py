@@ -179,14 +179,14 @@ def read_panel(profile: Fields) -> PanelRules:
         **{key: table.integer(key, low=0, high=PANEL_MARKS) for key in counts},
         origin=read_origin(table),
     )
-    widest_mm = max(rules.fiducial_opening_mm, rules.tooling_hole_mm)
+    widest_mm = max(rules.fiducial_opening_mm * bool(rules.fiducials), rules.tooling_hole_mm * bool(rules.tooling_holes))
     if rules.fiducial_opening_mm < rules.fiducial_mm:
         table.problem(
             "fiducial_opening_mm",
             f"fiducial_opening_mm = {rules.fiducial_opening_mm:g} mm is smaller than the fiducial's {rules.fiducial_mm:g} mm; "
             "give a larger one",
         )
-    if rules.rail_mm < widest_mm + 1.0:
+    if widest_mm and rules.rail_mm < widest_mm + 1.0:
         table.problem(
             "rail_mm",
             f"rail_mm = {rules.rail_mm:g} mm has no room for marks and holes of {widest_mm:g} mm; give {widest_mm + 1:g} or more",

@@ -1,4 +1,4 @@
-"""Names that a fab profile gives to files: the tape's name stands where the fab wants it."""
+"""Fab profiles that a user wrote: names of files, and rails of panels."""
 
 from __future__ import annotations
 
@@ -35,3 +35,15 @@ def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
 def test_material_and_thickness_stand_in_the_names_of_backings(tmp_path: Path) -> None:
     fab = load_fab(profile(tmp_path, 'stiffener-bottom = "under_{name}_{material}.art"'))
     assert fab.file_names["stiffener-bottom"] == "under_{name}_{material}.art"
+
+
+def test_rails_are_as_wide_as_their_marks_ask_for(tmp_path: Path) -> None:
+    def rails(rules: str) -> float:
+        place = tmp_path / "rails.toml"
+        place.write_text(f'extends = "generic-fpc"\n[panel]\n{rules}\n')
+        return load_fab(str(place)).panel.rail_mm
+
+    with pytest.raises(SpecError, match=r"panel\.rail_mm = 2\.5 mm has no room for marks and holes of 2 mm; give 3 or more"):
+        rails("rail_mm = 2.5")
+    assert rails("rail_mm = 1.5\nfiducials = 0\ntooling_holes = 0") == 1.5
+    assert rails("rail_mm = 2.2\nfiducials = 0\ntooling_hole_mm = 1.2") == 2.2
