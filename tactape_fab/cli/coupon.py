@@ -17,6 +17,7 @@ from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, purp
 @click.option("--name", metavar="NAME", help="Name of the coupon and its files.  [default: PROFILE-coupon]")
 @click.option("-o", "--output", metavar="DIR", help="Folder of the coupon.  [default: its name]")
 @click.option("--overwrite", is_flag=True, help="Replace an older one of this tool.")
+@click.option("--discard-edits", is_flag=True, help="Replace it even if files in it were edited since.")
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def coupon(
@@ -25,6 +26,7 @@ def coupon(
     name: str | None,
     output: str | None,
     overwrite: bool,
+    discard_edits: bool,
     no_verify: bool,
     as_json: bool,
 ) -> None:
@@ -44,7 +46,7 @@ def coupon(
             raise SpecError(Problem("first_sector", f"first_sector = {first} is no sector; give a whole number from 0"))
         examined = examine_coupon(fab or DEFAULT_FAB, first, name)
         echo_lines_err(examined.remarks)
-        made = make_panel(examined, output, overwrite=overwrite, verify=not no_verify, force=True)
+        made = make_panel(examined, output, overwrite="edits" if discard_edits else overwrite, verify=not no_verify, force=True)
         if as_json:
             echo_json({**made.to_mapping(), "trials": [trial.to_mapping() for trial in examined.trials]})
             return

@@ -240,7 +240,7 @@ def refuse_broken(
     try:
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
-        raise SpecError(error.problems, blocking) from None
+        raise SpecError(error.problems, () if force else blocking) from None
     form = drawn.spec.form
     never = (
         undrawable(form_problems(drawn.tape, form), drawn.spec, drawn.film)
