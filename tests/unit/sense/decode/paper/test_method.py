@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import atan2, cos, degrees, hypot, pi, radians, sin, sqrt
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -136,17 +137,18 @@ def test_depth_maps_of_the_default_scene() -> None:
     errors, times = [], []
     for position, theta in poses(30, seed=9):
         depth = draw(image_dots(position, theta, (5.5, 4.5)), theta, rng)
+        start = thread_time()
         fix, _ = locate_paper(depth, [TAPE], px_per_mm=R)
+        times.append(1e3 * (thread_time() - start))  # of the processor: other processes may be at work
         right += is_right(fix, position, theta)
         located += fix.located
-        times.append(fix.elapsed_ms)
         if fix.position_mm is not None:
             errors.append(float(np.hypot(*(np.array(fix.position_mm) - position))))
     print(f"right {right}, wrong {located - right} of 30, {1e3 * np.median(errors):.0f} um, {np.median(times):.1f} ms")
     assert right >= 25
     assert located - right <= 1
     assert np.median(errors) < 0.06
-    assert min(times) < 20  # the least: other processes may be at work
+    assert min(times) < 20
 
 
 @pytest.mark.parametrize(
