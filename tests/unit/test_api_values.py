@@ -345,6 +345,11 @@ def test_what_is_no_prior_is_refused_with_the_line_to_write(localizer: Localizer
             localizer.locate_dots(dots((20.0, 12.0), 30.0), prior=wrong)
     right = Prior(position_mm=fix.position_mm, theta_deg=fix.theta_deg)
     assert localizer.locate_dots(dots((20.0, 12.0), 30.0), prior=right).located
+    assert localizer.locate_dots(dots((20.0, 12.0), 30.0), prior=replace(right, tape=fix.tape)).located
+    with pytest.raises(
+        SpecError, match=rf"^prior\.tape = 'tactape-s7' is the name of no registered tape; give one of {fix.tape}, or"
+    ):
+        localizer.locate_dots(dots((20.0, 12.0), 30.0), prior=replace(right, tape="tactape-s7"))
 
 
 # Colour images

@@ -50,6 +50,9 @@ from tactape_fab.texture.registry import TapeLike, as_tapes
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.trace import TraceCode
 
+_MOST_NAMED = 8
+"""Tapes that a message names: a registry may have thousands."""
+
 
 def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
@@ -230,6 +233,7 @@ class Localizer:
         directions: int = 4,
     ) -> None:
         self._world = world
+        self._names = frozenset(tape.name for tape in self.tapes)
         self.sensor = as_sensor(sensor)
         self._square = square_image(self.sensor)
         self._contact_view = contact_view(self.sensor)
@@ -362,6 +366,12 @@ class Localizer:
             remedy = "give Prior(position_mm=fix.position_mm, theta_deg=fix.theta_deg)"
             raise SpecError(Problem("prior", f"prior = {shown(prior)} is a {type(prior).__name__}, not a Prior; {remedy}"))
         if self.takes_prior:
+            if prior.tape is not None and prior.tape not in self._names:
+                names = ", ".join(sorted(self._names)[:_MOST_NAMED]) + (", ..." if len(self._names) > _MOST_NAMED else "")
+                message = (
+                    f"prior.tape = {shown(prior.tape)} is the name of no registered tape; give one of {names}, or None for any"
+                )
+                raise SpecError(Problem("prior", message))
             return
         what = "method 'paper'" if self._method == "paper" else "a code without tapes"
         raise SpecError(
