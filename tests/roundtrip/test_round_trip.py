@@ -281,7 +281,7 @@ def test_a_worse_decoder_finds_no_excuse(worse: str, default_kit: Kit, monkeypat
         stricter = {**(Localizer.__init__.__kwdefaults__ or {}), "max_p_false": 1e-12}
         monkeypatch.setattr(Localizer.__init__, "__kwdefaults__", stricter)
     elif worse == "loses dots":
-        monkeypatch.setattr("tactape_fab.sense.decode.localizer.frame_dots", worse_dots)
+        monkeypatch.setattr("tactape_fab.sense.decode.square_image.frame_dots", worse_dots)
     else:
         monkeypatch.setattr("tactape_fab.sense.decode.localizer.settled", moved_dots)
     source = Source(name="CPL", parts=parts_of(default_kit.tape))

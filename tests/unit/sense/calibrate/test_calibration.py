@@ -213,9 +213,7 @@ def test_frames_that_say_too_little_are_refused_with_the_remedy(case: str) -> No
 
 def test_another_tape_is_named() -> None:
     other = tape_at(9, (62, 32))
-    with pytest.raises(
-        SpecError, match=r"show another tape: it looks like sector 7 of microdots-4x4.*give the kit that was pressed"
-    ):
+    with pytest.raises(SpecError, match=r"show another tape: it looks like sector 7 of microdots-4x4.*give its kit"):
         calibrate_sensor(presses().frames, [other], TRUE)
 
 

@@ -7,7 +7,9 @@ import pytest
 
 from tactape_fab import Localizer
 from tactape_fab.sense import Scene, simulate
+from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
+from tactape_fab.sense.decode.square_image import SquareImage
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE
 
@@ -44,6 +46,11 @@ def test_what_is_no_top_or_at_the_border_stays() -> None:
     assert (sharp_tops(image, R, border)[0] == 0.0).all()
 
 
+def unmoved(_: SquareImage, __: object, high: Image, seen_px: FloatArray, *___: object) -> tuple[FloatArray, FloatArray]:
+    """Shifts and heights of dots that are left where they were detected."""
+    return np.zeros_like(seen_px), np.ones(len(seen_px))
+
+
 @pytest.mark.parametrize("theta_deg", [0.0, 90.0])
 def test_a_tape_along_the_pixels_is_where_it_is_at_every_phase(theta_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
     # 1.5 mm are 24 px: all dots lie alike in their pixels, and what one is off by all are
@@ -59,7 +66,7 @@ def test_a_tape_along_the_pixels_is_where_it_is_at_every_phase(theta_deg: float,
         return float(np.abs(np.array([fix.position_mm for fix in found]) - places).max() * 1000.0)
 
     assert off_um() < 1.0
-    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *_: (np.zeros_like(seen_px), np.ones(len(seen_px))))
+    monkeypatch.setattr(SquareImage, "shifts", unmoved)
     assert off_um() > 4.0
 
 
@@ -70,7 +77,7 @@ def test_only_the_pose_moves(monkeypatch: pytest.MonkeyPatch) -> None:
         for k, theta_deg in enumerate((0, 33, 90))
     ]
     sharp = [localizer.locate(frame) for frame in frames]
-    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *_: (np.zeros_like(seen_px), np.ones(len(seen_px))))
+    monkeypatch.setattr(SquareImage, "shifts", unmoved)
     for fix, frame in zip(sharp, frames, strict=True):
         before = localizer.locate(frame)
         for name in ("located", "reason", "tape", "cell", "contact_mm", "n_dots", "p_tape", "p_place", "p_false"):
