@@ -76,6 +76,7 @@ def command(name: str) -> click.Command:
 
 
 _AGAIN_S = 0.05
+"""Time after which a Ctrl-C that was dropped is pressed again: the function that dropped it has returned by then."""
 INTERRUPTED = 130
 """Exit status of a command that Ctrl-C ends: 128 and the number of the signal, as shells have it."""
 

@@ -13,11 +13,7 @@ from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.json_text import parse_json
 
 MANIFEST_FORMAT = "tactape-manifest/1"
-
-
 PANEL_FORMAT = "tactape-panel/1"
-
-
 PACKED_FIRST_LINE = b"tactape-registry/1\n"
 """Begin of a packed registry, which holds many tapes and is no kit."""
 

@@ -28,11 +28,10 @@ from tactape_fab.texture.manifest import PACKED_FIRST_LINE
 from tactape_fab.texture.plane import MOST_POINTS
 from tactape_fab.texture.tape import NAME_PATTERN, Tape
 
-FIRST_LINE = PACKED_FIRST_LINE
 MOST_TAPES = 65_536
 MOST_INDEX_BYTES = 64 * 1024 * 1024
 MOST_BYTES = 4 * 1024**3
-_HEADER = len(FIRST_LINE) + 64 + 1
+_HEADER = len(PACKED_FIRST_LINE) + 64 + 1
 _OWN = ("name", "sector", "origin", "symbols", "symbols_sha256")
 """Keys of a manifest that differ from tape to tape, besides the tag's id."""
 
@@ -58,14 +57,14 @@ def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
         rows.append({"design": designs.setdefault(json.dumps(content, sort_keys=True), len(designs)), **row, "fab": fab})
     index = json.dumps({"designs": [json.loads(text) for text in designs], "tapes": rows}, separators=(",", ":")).encode()
     rest = b"".join([len(index).to_bytes(8, "little"), index, *(tape.symbols.tobytes() for tape in tapes)])
-    return FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest
+    return PACKED_FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest
 
 
 def is_packed(path: Path) -> bool:
     """Whether a path is that of a file which begins as a packed registry does."""
     try:
         with open_regular(path) as stream:
-            return stream.read(len(FIRST_LINE)) == FIRST_LINE
+            return stream.read(len(PACKED_FIRST_LINE)) == PACKED_FIRST_LINE
     except (OSError, ValueError):
         return False
 
@@ -89,7 +88,7 @@ def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
         raise _refused(path, "it is cut off, or too large")
     with memoryview(data) as view:
         digest = sha256(view[_HEADER:]).hexdigest().encode() + b"\n"
-    if data[len(FIRST_LINE) : _HEADER] != digest:
+    if data[len(PACKED_FIRST_LINE) : _HEADER] != digest:
         raise _refused(path, "its bytes are not those of its digest: it is damaged, or was changed")
     try:
         index = parse_json(data[begin : begin + size])

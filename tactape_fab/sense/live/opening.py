@@ -104,7 +104,7 @@ def _opened(
     wishes, key = one.wishes, (one.sensor, one.wishes.raw)
     of_colours = {"background": wishes.background, "weights": wishes.weights, "crop": wishes.crop}
     problems += [
-        Problem(key, f"{key} = {shown(value)} is for colour images; give raw=True with it")
+        Problem(key, f"{key} = {shown(value)} is for colour images; give raw=True with it, or leave it out")
         for key, value in of_colours.items()
         if value is not None and not wishes.raw
     ]
@@ -163,7 +163,7 @@ def _source(
         reason = reason_of(error)
         raise SpecError(Problem("source", f"source {shown_path(given)} cannot be opened: {reason}; {_SOURCES}")) from error
     folder, camera = stat.S_ISDIR(mode), stat.S_ISCHR(mode)
-    film = wishes.raw and path.suffix.lower() in FILMS
+    film = not folder and path.suffix.lower() in FILMS
     plain = not (folder or camera or film or given == STANDARD_INPUT)
     if rate_hz is not None and not (film or plain):
         problems.append(
@@ -175,12 +175,12 @@ def _source(
         problems.append(
             Problem("idle", f"idle = {shown(wishes.idle)} is for folders, which nothing else tells when to stop; leave it out")
         )
-    if crop is not None and not (camera or film):
+    if crop is not None and wishes.raw and not (camera or film):
         problems.append(
             Problem("crop", f"crop = {shown(wishes.crop)} is for cameras; cut the images of a folder when they are written")
         )
-    if camera and not wishes.raw:
-        message = "a camera has colour images; give raw=True with background=FILE and weights=FILE"
+    if (camera or film) and not wishes.raw:
+        message = f"a {'camera' if camera else 'film'} has colour images; give raw=True with background=FILE and weights=FILE"
         problems.append(Problem("raw", message))
     if wishes.raw and (plain or given == STANDARD_INPUT):
         message = f"raw = True is for a camera, a film ({', '.join(FILMS)}) or a folder of images, not for {shown_path(given)}"

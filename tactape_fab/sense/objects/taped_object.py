@@ -97,8 +97,9 @@ class TapedObject:
         refuse_no_answer(fix)
         if not fix.located or None in (fix.index, fix.cell, fix.position_mm, fix.theta_deg):
             return None
+        named = tape_named(fix)
         for entry in self.tapes:
-            if tape_named(fix) == _place(entry.tape):
+            if named == _place(entry.tape):
                 return texture_surface(entry.mount, entry.tape)
         return None
 

@@ -20,11 +20,12 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import simulate
 from tactape_fab.texture.as_built import AsBuilt
 from tactape_fab.texture.code import get_plane
-from tactape_fab.texture.packed import FIRST_LINE, is_packed, pack
+from tactape_fab.texture.manifest import PACKED_FIRST_LINE
+from tactape_fab.texture.packed import is_packed, pack
 from tactape_fab.texture.plane import encode
 from tactape_fab.texture.registry import read_registered, read_tapes
 
-BEGIN = len(FIRST_LINE) + 65
+BEGIN = len(PACKED_FIRST_LINE) + 65
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def resealed(data: bytes, change: Callable[[dict[str, Any]], None], symbols: Cal
     change(index)
     text = json.dumps(index).encode()
     rest = len(text).to_bytes(8, "little") + text + symbols(data[BEGIN + 8 + size :])
-    return FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest
+    return PACKED_FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest
 
 
 def refusal(path: Path, data: bytes) -> str:
@@ -122,16 +123,16 @@ def test_measured_tapes_are_not_packed(tapes: list[Tape]) -> None:
 
 def test_no_damaged_file_is_read(packed: bytes, tmp_path: Path) -> None:
     file, rng = tmp_path / "bad.registry", np.random.default_rng(0)
-    for end in (len(FIRST_LINE), BEGIN - 1, BEGIN, BEGIN + 7, BEGIN + 8, BEGIN + 500, len(packed) - 1):
+    for end in (len(PACKED_FIRST_LINE), BEGIN - 1, BEGIN, BEGIN + 7, BEGIN + 8, BEGIN + 500, len(packed) - 1):
         refusal(file, packed[:end])
-    for at in rng.integers(len(FIRST_LINE), len(packed), 40).tolist():
+    for at in rng.integers(len(PACKED_FIRST_LINE), len(packed), 40).tolist():
         changed = bytearray(packed)
         changed[at] ^= 1 << int(rng.integers(8))
         refusal(file, bytes(changed))
     refusal(file, packed + b"\0")
     refusal(file, packed[:BEGIN] + b"\xff" * 8 + packed[BEGIN + 8 :])
     rest = (len(packed) - BEGIN - 7).to_bytes(8, "little") + packed[BEGIN + 8 :]  # an index that is a byte longer than the file
-    assert "cut off" in refusal(file, FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest)
+    assert "cut off" in refusal(file, PACKED_FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest)
     file.write_bytes(b"tactape-registry/2\n" + packed[BEGIN:])
     with pytest.raises(SpecError, match="cannot be read as JSON"):
         read_tapes([file])
@@ -176,5 +177,5 @@ def test_what_is_no_symbol_is_refused(at: int, symbol: bytes, packed: bytes, tmp
 
 
 def test_folders_and_short_files_are_no_packed_registry(tmp_path: Path) -> None:
-    (tmp_path / "short").write_bytes(FIRST_LINE[:5])
+    (tmp_path / "short").write_bytes(PACKED_FIRST_LINE[:5])
     assert not any(is_packed(path) for path in (tmp_path, tmp_path / "short", tmp_path / "nothing", Path("a\0b")))

@@ -375,7 +375,7 @@ def test_frames_of_another_sensor_alone_are_a_failure(default_kit: Kit, frames: 
         ("{frames} --tape {kit} --mcap a.bag --save none/a.rrd --rate 9", ["a.bag does not end with .mcap", "no folder"]),
         ("{frames} --tape {kit} --frame-id a", ["--mcap FILE.mcap with them"]),
         ("{frames} --tape {kit} --raw", ["--raw is for a camera", "give --background FILE", "give --weights FILE"]),
-        ("{frames} --tape {kit} --weights a.pth", ["--weights = 'a.pth' is for colour images; give --raw with it"]),
+        ("{frames} --tape {kit} --weights a.pth", ["--weights = 'a.pth' is for colour images; give --raw with it, or leave"]),
         ("{frames} --tape {kit} --crop 1,2,3,0 --raw", ["cuts out nothing", "is for cameras"]),
         ("/dev/null --tape {kit}", ["a camera has colour images"]),
         ("{frames} --tape {kit} --world flat", ["world = 'flat'"]),
@@ -400,6 +400,13 @@ def test_tapes_of_one_name_have_no_frames_of_their_own(default_kit: Kit, frames:
     assert result.exit_code == 2
     assert "error: tapes of sectors 8 and 9 are both named a, and a frame of poses names its tape" in result.stderr
     assert not (tmp_path / "a.mcap").exists() and not (tmp_path / "a.rrd").exists()
+
+
+def test_a_film_without_raw_is_no_file_of_frames(default_kit: Kit, tmp_path: Path) -> None:
+    (tmp_path / "film.MP4").touch()
+    result = run(f"{tmp_path}/film.MP4 --tape {default_kit.path}")
+    assert result.exit_code == 2
+    assert result.stderr == "error: a film has colour images; give --raw with --background FILE and --weights FILE\n"
 
 
 def test_nothing_is_written_over(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
