@@ -20,7 +20,7 @@ from tactape_fab.kit.outlines import part_outlines
 from tactape_fab.kit.profiles import FabProfile, PartProfile, house_fab, load_fab, read_part
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec.tape_spec import TapeSpec, read_spec
-from tactape_fab.texture.directions import USUAL_DIRECTIONS
+from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 
 DEFAULT_CONTACT_MM = (11.0, 9.0)
 """Sides of the contact that a tape is chosen for, mm: the one that the benches press by default."""
@@ -109,8 +109,9 @@ def _other_designs(spec: TapeSpec, given: Mapping[str, Any]) -> Iterator[Problem
     if spec.rotation_deg % 90.0 != ROTATION_DEG:
         said = f"rotation_deg = {spec.rotation_deg:g} deg contradicts --order, whose tapes have parts at {ROTATION_DEG:g} deg"
         yield Problem("rotation_deg", f"{said}; leave out --rotation, {remedy}")
-    if given.get("directions") == 8:
-        said = f"directions = 8 contradicts --order, whose tapes have {USUAL_DIRECTIONS}"
+    directions = given.get("directions")
+    if directions in tuple(DIRECTIONS) and directions != USUAL_DIRECTIONS:
+        said = f"directions = {directions} contradicts --order, whose tapes have {USUAL_DIRECTIONS}"
         yield Problem("directions", f"{said}; leave out --directions, {remedy}")
 
 

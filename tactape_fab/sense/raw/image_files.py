@@ -83,7 +83,7 @@ def unpacked_grey(data: bytes) -> npt.NDArray[Any]:
     if picture is None or picture.shape[:2] != shape:
         raise SpecError(f"it is damaged and cannot be unpacked; {_REMEDY}")
     if picture.ndim == 3 and (picture != picture[:, :, :1]).any():
-        raise SpecError("it is a colour image; give raw=True with background=FILE and weights=FILE")
+        raise SpecError("it is a colour image, which decode reads after --raw, with --background and --weights")
     return picture if picture.ndim == 2 else np.ascontiguousarray(picture[:, :, 0])
 
 

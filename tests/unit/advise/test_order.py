@@ -77,6 +77,7 @@ def test_what_is_given_stays(given: dict[str, Any]) -> None:
         ({"pitch_mm": 0.7}, "jlcpcb", None, "no tape is legal"),
         ({"rotation_deg": 30.0}, "jlcpcb", None, "rotation_deg = 30 deg contradicts --order"),
         ({"code": "touch-1", "directions": 8}, "jlcpcb-fr4", None, "directions = 8 contradicts --order"),
+        ({"directions": [8]}, "jlcpcb-fr4", None, r"directions = \[8\] is neither 4 nor 8"),
         ({"pitch_mm": -1}, "jlcpcb", None, "pitch_mm = -1"),
         ({}, "jlcpcb", [0, 5], "contact = 0x5 is no size"),
         ({}, "jlcpcb", [4, 5, 6], "contact = 4x5x6 is no size"),

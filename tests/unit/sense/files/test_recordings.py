@@ -265,7 +265,7 @@ def _no_features(folder: Path) -> Path:
         (_other_size, "image 4 of /gel has 100 x 320 px"),
         (_table, "cannot be read: .*; record it again"),
         (_statistics, "cannot be read|is damaged"),
-        (_colour, "give raw=True with background=FILE"),
+        (_colour, "a colour image, which decode reads after --raw"),
         (_beside, "not in the table, but beside it"),
         (_no_features, "names no features"),
     ],
