@@ -42,6 +42,7 @@ class SquareImage:
         if self.straight:
             out: FloatArray = xy_px * (1.0, self.aspect)
         else:
+            # the profile's camera undone, then a perfect one: places on the gel times px/mm, the image centre kept
             on_gel = self.camera.from_px(xy_px) - self.camera.from_px(self.sensor.centre_px)
             out = on_gel * self.px_per_mm + self.centre_px
         return out
@@ -66,6 +67,7 @@ class SquareImage:
         """
         shift_px, heights = sharp_tops(high, self.detection_px_per_mm, seen_px)
         if self.aspect != 1.0:
+            # shifts are a tenth of a pixel: that shear and distortion turn them by some per cent is left out
             shift_px = shift_px * (1.0, self.aspect)
         if part is None:
             return shift_px, heights

@@ -73,6 +73,7 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
         coarse,
         gaussian_taps(SMOOTHING_MM * coarse_px_per_mm),
         round(BACKGROUND_MM * coarse_px_per_mm / 2),
+        # less than the least distance of two parts: W - 2 Delta is 1 mm in the paper's design, d_A of its Eq. 14
         max(round(NEIGHBOURHOOD_MM * coarse_px_per_mm), 1),
         RIDGE_ALONG_MM * coarse_px_per_mm,
         RIDGE_ACROSS_MM * coarse_px_per_mm,
@@ -85,6 +86,7 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
     falling = height.take(order)
     # the unit of height is a whole dot: the depth map's own scale may be anything
     scale = _middle(falling[:STRONGEST])
+    # heights fall, so their negatives are in order
     n = min(int((-falling).searchsorted(-LEAST_HEIGHT * scale, side="right")), MOST_DOTS)
     kept, weights = order[:n], falling[:n] / scale
     # most tops are bumps of noise: their median stands for the height of the noise

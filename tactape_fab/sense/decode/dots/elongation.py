@@ -65,6 +65,7 @@ def parity_log_ratio(
     # a texture direction psi (from x towards y, down) is seen at theta + psi, and theta is the grid's angle in turn 0
     psi = radians(-part.rotation_deg + (0.0 if length_mm >= width_mm else 90.0))
     z = _sign_strength(elongation, weights, trust, 2.0 * (atan2(grid[1], grid[0]) + psi))
+    # Phi(z) = erfc(-z / sqrt 2) / 2: the halves cancel in the ratio. For |z| beyond 37 erfc is 0 in double precision
     likely = erfc(-abs(z) / sqrt(2.0))
     return copysign(log(likely) - log(max(erfc(abs(z) / sqrt(2.0)), 1e-300)), z)
 
@@ -76,6 +77,7 @@ def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArra
     c, s = -np.cos(twice_rad), -np.sin(twice_rad)
     count = along = across = squares = 0.0
     for i in range(len(weights)):
+        # a dot at the rim is imprinted on one side, and elongated along the rim whatever its body
         if weights[i] >= GOOD_WEIGHT and trust[i] >= GOOD_TRUST:
             count += 1.0
             along += c * elongation[i, 0] + s * elongation[i, 1]
@@ -86,4 +88,5 @@ def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArra
     # both components have one variance: n - 1 deviations each, besides the belief before the frame
     scatter = squares / 2.0 - (along * along + across * across) / (2.0 * count)
     variance = (scatter + USUAL_DOTS * USUAL_SCATTER**2) / (count - 1.0 + USUAL_DOTS)
+    # what all dots share does not fall with their number, as the error of a mean does
     return float(along / count / np.sqrt(variance / count + COMMON_ERROR**2))

@@ -32,6 +32,7 @@ is shallow, and noise seldom makes one."""
 @cache
 def gaussian_taps(sigma_px: float) -> Image:
     """One side of a normalised Gaussian kernel, from its middle on; as wide as OpenCV has it for floating point."""
+    # 4 sigma on each side, beyond which a Gaussian has 6e-5 of its weight; odd in all, so that there is a middle
     reach = (round(8.0 * sigma_px + 1.0) | 1) // 2
     side = [exp(-0.5 * (t / sigma_px) ** 2) for t in range(reach + 1)]
     total = side[0] + 2.0 * sum(side[1:])
@@ -44,6 +45,7 @@ def gaussian_taps(sigma_px: float) -> Image:
 def ordinary_value(image: Image, values: Image) -> float:
     """Median of nine pixels: of the image's level, whatever a single pixel says; `values` is a work buffer."""
     h, w = image.shape
+    # insertion sort of nine values: numpy's median would allocate, which a kernel may not
     for k in range(9):
         value = image[(1 + k // 3) * h // 4, (1 + k % 3) * w // 4]
         place = k
@@ -66,6 +68,7 @@ def averaged(depth: Image, factor: int) -> Image:
 def _average(depth: Image, factor: int, line: Image, out: Image) -> None:
     """Fill what `averaged` returns; `line` is a work buffer."""
     (h, w), wide = out.shape, depth.shape[1]
+    # single precision has 24 bits: beside an offset of 1e4 it holds steps of 1e-3 alone
     zero = ordinary_value(depth, line)
     share = np.float32(1.0 / (factor * factor))
     for v in range(h):
@@ -97,6 +100,7 @@ def _inside(index: int, n: int) -> int:
     """Index inside an image that is mirrored at its outermost pixels (BORDER_REFLECT_101 of OpenCV)."""
     if n == 1:
         return 0
+    # several times, as a filter may be wider than the image
     while index < 0 or index >= n:
         index = -index if index < 0 else 2 * n - 2 - index
     return index
@@ -126,6 +130,8 @@ def _band(
     out: Image,
 ) -> None:
     """Fill what `banded` returns; the arrays between are work buffers."""
+    # a row with its mirrored ends is `smooth` (after the Gaussian down the columns) and `box` (sums down the columns, over the
+    # square's area); `before` and `after` say which pixels the ends mirror
     (h, w), reach, pad = depth.shape, len(taps) - 1, len(before)
     for t in range(pad):
         before[t], after[t] = _inside(t - pad, w), _inside(w + t, w)
@@ -159,6 +165,7 @@ def _band(
             left, right, k = smooth[pad - t :], smooth[pad + t :], taps[t]
             for u in range(w):
                 row[u] += k * (left[u] + right[u])
+        # along the row the box is summed term by term: a running sum is a chain of dependent additions, this is some vectors
         for t in range(1, half_box + 1):
             left, right = box[pad - t :], box[pad + t :]
             for u in range(w):
@@ -218,12 +225,15 @@ def _find_tops(
         is_top[u] = 0
     for v in range(1, h - 1):
         for u in range(w):
+            # the maximum over a square is separable: along rows above, down the columns here
             highest[u] = wide[v, u]
         for t in range(1, reach + 1):
+            # beyond the border the outermost row counts again, which alters no maximum
             over, under = v - t if v > t else 0, v + t if v + t < h else h - 1
             for u in range(w):
                 highest[u] = max(highest[u], wide[over, u], wide[under, u])
         for u in range(1, w - 1):
+            # flags without a branch, so that the loop becomes vectors; equal pixels both pass, and `_is_near` keeps the first
             is_top[u] = (image[v, u] >= highest[u]) & (image[v, u] > ROUNDING * abs(ground[v, u]))
         for k in range(len(eights)):  # tops are few: eight flags are tested as one word
             if eights[k] == 0:
@@ -269,6 +279,7 @@ def _centres(
     for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
         c = high[v, u]
+        # central differences: the quadric c + g.d + d.H.d / 2, exact for gx, gy, hxx, hyy, and for hxy by the four corners
         gx = 0.5 * (high[v, u + 1] - high[v, u - 1])
         gy = 0.5 * (high[v + 1, u] - high[v - 1, u])
         hxx = high[v, u + 1] - 2.0 * c + high[v, u - 1]
@@ -280,6 +291,8 @@ def _centres(
         if det > 0.0:
             dx = (hxy * gy - hyy * gx) / det
             dy = (hxy * gx - hxx * gy) / det
+            # 2 phi of the axes of H has cos and sin as (hxx - hyy, 2 hxy); over the trace, which is negative on a top, the sign
+            # is that of `Dots`
             elongation[i, 0] = (hxx - hyy) / (hxx + hyy)
             elongation[i, 1] = 2.0 * hxy / (hxx + hyy)
         # beyond the 3 x 3 pixels the quadric says nothing
@@ -288,9 +301,11 @@ def _centres(
         # the middle of a block of pixels, as pixel centres are whole numbers
         xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
         xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
+        # at d = -H^-1 g the quadric is c + g.d / 2
         height[i] = c + 0.5 * (gx * dx + gy * dy)
         # the eigenvalues of the second derivatives are their mean and, more or less than it, half of this
         apart = np.sqrt((hxx - hyy) * (hxx - hyy) + 4.0 * hxy * hxy)
+        # |lambda1 - lambda2| over |lambda1 + lambda2|: 1 for a perfect ridge, 1/2 where one curvature is three times the other
         if apart > RIDGE_ELONGATION * abs(hxx + hyy):
             # cos of twice the angle of the least curvature, which is along the ridge; half-angle formulas
             twice = (hxx - hyy) / apart
@@ -306,6 +321,7 @@ def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, acr
     h, w = high.shape
     deepest, far = 0.0, along
     for k in range(4):  # ahead, behind, and on either side
+        # `far` is along, -along, across, -across, as the direction turns by 90 degrees after the second
         row, column = np.int64(v + far * dv + 0.5), np.int64(u + far * du + 0.5)
         far = -far
         if k == 1:
@@ -313,6 +329,7 @@ def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, acr
         if row < 0 or row >= h or column < 0 or column >= w:
             continue
         share = high[row, column] / high[v, u]
+        # a part ends within `along` of its top, a step does not
         if k < 2 and share < RIDGE_GOES_ON:
             return 0.0
         if share < -deepest:

@@ -41,6 +41,7 @@ class Holes:
         flat: Image = image.ravel().copy()
         if len(self.sample):
             level = float(np.median(flat[self.sample]))
+            # about the median, so that what is missing to a sum of 1 is the median's share
             flat[self.at] = ((flat[self.nearest].astype(np.float64) - level) * self.share).sum(axis=0) + level
         else:
             flat[:] = 0.0
@@ -52,15 +53,19 @@ def find_holes(known: BoolArray, px_per_mm: float) -> Holes:
     width, (v, u) = known.shape[1], np.nonzero(~known)
     with_depth = np.flatnonzero(known)
     nearest, weight = np.full((4, len(v)), with_depth[0] if len(with_depth) else 0), np.zeros((4, len(v)))
+    # left and right are searched along rows, above and below along columns of the transpose
     for side in range(4):
         along_row, before = side < 2, side % 2 == 0
         lines, line, place = (known, v, u) if along_row else (known.T, u, v)
         last, with_holes = lines.shape[1] - 1, np.flatnonzero(np.bincount(line, minlength=len(lines)))
         those, at = lines[with_holes], np.searchsorted(with_holes, line)
+        # the next one behind is the last one before in the reversed line; 0 ... last, or -1 and last + 1 where there is none
         found = _last_known(those)[at, place] if before else last - _last_known(those[:, ::-1])[at, last - place]
         there = (found >= 0) & (found <= last)
         index = line * width + found if along_row else found * width + line
         nearest[side, there] = index[there]
+        # weights 1/d^2 (Shepard), the median's 1/reach^2: beside a hole's edge it is nearly the edge's own depth, so there is
+        # no step
         weight[side, there] = 1.0 / (found - place)[there] ** 2.0
     share = weight / (weight.sum(axis=0) + 1.0 / (REACH_MM * px_per_mm) ** 2)
     return Holes(at=v * width + u, nearest=nearest, share=share, sample=with_depth[:: max(len(with_depth) // _SAMPLES, 1)])

@@ -36,6 +36,7 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
     """
     try:
         frame = np.asarray(_unmasked(depth))
+        # numpy's kinds: float, int, unsigned, bool. Complex, text and objects could be cast without an error
         if frame.dtype.kind not in "fiub":
             raise ValueError(f"dtype {frame.dtype}")
         if frame.dtype == np.float32 and frame.flags.carray:
@@ -54,6 +55,7 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
             f"{expected[1]} (h, w); give another sensor"
         )
     (low, high), as_came = _span(image), True
+    # a NaN fails any comparison, so a frame with holes goes through `_fitted` as well, which looks at the rest
     if image.dtype != frame.dtype and not _SMALL <= max(abs(low), abs(high)) < np.inf:
         unscaled, image = image, _fitted(frame, image)
         as_came = image is unscaled
@@ -66,6 +68,7 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
     if high == low:
         image = np.zeros_like(image)
     elif max(abs(low), abs(high)) > LARGE or high - low < 1.0 / LARGE:
+        # in double precision: the difference of two large values has lost its digits in single
         image, as_came = ((image.astype(np.float64) - low) / (high - low)).astype(np.float32), False
     return np.ascontiguousarray(sensor.canonical(image)), as_came
 
@@ -75,6 +78,7 @@ def _holes(image: npt.NDArray[np.float32], whole: bool, sensor: SensorProfile) -
     known = None if whole else np.isfinite(image)
     if sensor.mask is not None:
         shown = _shown(sensor)
+        # no hole but the mask's own: the same ones in each frame, which are kept
         if known is None or known[shown].all():
             return _masked_holes(sensor)
         known &= shown

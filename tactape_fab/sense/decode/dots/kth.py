@@ -11,6 +11,8 @@ def select(values: FloatArray, k: int) -> float:
     """The k-th smallest (from 0) of some values by quickselect: reorders them, none before it larger, none behind it smaller."""
     low, high = 0, len(values) - 1
     while low < high:
+        # of values in order the middle one halves them. Both inner loops stop at the pivot, and at NaN, with which every
+        # comparison is false: under fastmath a compiler may assume that there is none, and they would run off the array
         pivot = values[(low + high) // 2]
         i, j = low, high
         while i <= j:

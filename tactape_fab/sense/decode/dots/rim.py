@@ -89,6 +89,7 @@ def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple
     half = n // 2
     if half < 2:
         return 1.0, LEAST_SCATTER
+    # weights are heights over an ordinary good dot's: a level above that is chance, or of a caller's own weights
     level = clip(select(heights[:n], half), 0.0, 1.0)
     upper = 0.0
     for k in range(half, n):
@@ -119,6 +120,7 @@ def _settle(
         share[i] = clip(weights[i] / level, 0.0, 1.0)
         moved[i, 0], moved[i, 1] = xy[i, 0], xy[i, 1]
         if weights[i] >= STRONG:
+            # strong dots are the neighbours of all others: places in pitches, heights, and weights as trust times height
             xs[strong], ys[strong] = xy[i, 0] / pitch_px, xy[i, 1] / pitch_px
             heights[strong], amounts[strong] = weights[i], trust[i] * share[i]
             strong += 1
@@ -127,6 +129,7 @@ def _settle(
         u = v = support = crowd = 0.0
         for k in range(strong):
             du, dv = xs[k] - x, ys[k] - y
+            # `_SAME` keeps the dot's distance from itself above 0, so that there is no division by it; it is told by it below
             square = du * du + dv * dv + _SAME
             crowd += 1.0 if square < nearest * nearest and heights[k] > weights[i] else 0.0
             distance = np.sqrt(square)
@@ -138,6 +141,7 @@ def _settle(
             v += near * dv
         # length of the mean direction: near 0 amid neighbours, near 1 with all of them to one side
         mean = np.sqrt(u * u + v * v) / (support + 1e-9)
+        # at one pitch the weight is 1/4: a whole neighbour gives 0.25, less than SUPPORT, two of them 0.5
         company = 1.0 / (1.0 + np.exp((SUPPORT - support) / SUPPORT_STEP))
         gain = LONELY + (COMPANY - LONELY) * company + (CROWDED if crowd > 0.0 else 0.0)
         low = 1.0 - share[i]
@@ -150,6 +154,8 @@ def _settle(
         low -= BELIEVED_SCATTERS * scatter
         if low > 0.0:
             # outwards, away from the neighbours; amid others (u, v) is short, and so is the shift
+            # (u, v) / support has the length `mean`: at a rim the shift is PULL low pitches however one-sided the neighbours
+            # are, and from `ONE_SIDED` down it falls with the mean
             pull = PULL * pitch_px * low / clip(mean, ONE_SIDED, np.inf) / (support + 1e-9)
             moved[i, 0] -= pull * u
             moved[i, 1] -= pull * v

@@ -44,10 +44,13 @@ def _weights(width_px: float) -> Image:
 
     Interpolation by a Gaussian on every pixel (radial basis functions).
     """
+    # the interpolant is sum_k c_k g(x - x_k), g a Gaussian, with K c = z at the pixels: so value, slope and curvature at a
+    # place are r.K^-1 z, r = g, g', g'' there, and the weights K^-1 r do not depend on the frame
     at, pixels = np.linspace(-0.5, 0.5, STEPS + 1)[:, None], np.arange(-REACH, REACH + 1.0)
     known = np.exp(-0.5 * ((pixels[:, None] - pixels) / width_px) ** 2)
     off = (pixels - at) / width_px
     bell = np.exp(-0.5 * off**2)
+    # g' = off g / width and g'' = (off^2 - 1) g / width^2, as off = (x_k - x) / width
     rows = np.stack([bell, off / width_px * bell, (off**2 - 1.0) / width_px**2 * bell], axis=1)
     table = np.linalg.solve(known, rows.transpose(0, 2, 1)).astype(np.float32)
     table.setflags(write=False)
@@ -60,14 +63,17 @@ def _shift(high: Image, seen_px: FloatArray, coarse: int, weights: Image, out: F
     h, w, far = high.shape[0], high.shape[1], (coarse - 1) / 2
     for i in range(len(seen_px)):
         out[i, 0] = out[i, 1] = heights[i] = 0.0
+        # from pixels of the image to blocks, whose middle is (coarse - 1) / 2 pixels on (`filters._centres`)
         x, y = (seen_px[i, 0] - far) / coarse, (seen_px[i, 1] - far) / coarse
         u, v = np.int64(np.floor(x + 0.5)), np.int64(np.floor(y + 0.5))
         if u < REACH or v < REACH or u >= w - REACH or v >= h - REACH:
             continue
+        # the table's nearest entry is at most 1/128 px off, so that one step of Newton from it is enough
         a, b = np.int64((x - u + 0.5) * STEPS + 0.5), np.int64((y - v + 0.5) * STEPS + 0.5)
         height = gx = gy = hxx = hyy = hxy = np.float32(0.0)
         around, across, down = high[v - REACH : v + REACH + 1, u - REACH : u + REACH + 1], weights[a], weights[b]
         for j in range(2 * REACH + 1):
+            # a product of Gaussians along both axes: the rows first, then the columns of what they give
             value = slope = bend = np.float32(0.0)
             for k in range(2 * REACH + 1):
                 value += across[k, 0] * around[j, k]
@@ -84,5 +90,6 @@ def _shift(high: Image, seen_px: FloatArray, coarse: int, weights: Image, out: F
         if det > 0.0 and hxx < 0.0:
             dx = u + a / STEPS - 0.5 + (hxy * gy - hyy * gx) / det - x
             dy = v + b / STEPS - 0.5 + (hxy * gx - hxx * gy) / det - y
+            # farther off is another top, or none
             if abs(dx) < 0.5 and abs(dy) < 0.5:
                 out[i, 0], out[i, 1] = coarse * dx, coarse * dy

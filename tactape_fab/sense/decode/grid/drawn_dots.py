@@ -23,6 +23,7 @@ def drawn(texture_mm: FloatArray, weights: FloatArray, theta_rad: float) -> tupl
     """
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     at = (texture_mm - texture_mm.mean(axis=0)) @ np.array([[c, s], [-s, c]])
+    # texture axes turned to the image's as in `posterior._drawn`: rows are points
     apart = at[:, None] - at
     square = (apart**2).sum(axis=2)
     near = weights / (1.0 + square / PULL_REACH_MM**2) ** 2

@@ -32,6 +32,8 @@ Grid = tuple[float, float, float, float]
 FIT_STEPS = 6
 FEW_DOTS = 40.0
 """So few dots, displaced at random, can show a grid that is off by half a displacement: the fit starts from others as well."""
+# half of the 16 choices of signs, a fractional factorial design: the sign of the fourth is the product of the others, so that
+# of any three of the four all eight choices are there
 STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0) for x in (-1.0, 1.0)]) * (
     0.03,
     0.04,
@@ -93,6 +95,7 @@ def fit_grid(
     """
     n = len(weights)
     nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, directions)), np.empty(4)
+    # `_fitted` keeps in the buffer where a dot would stand on the grid (two columns, pitches), and its weight in the fit
     turns, buffer = 2.0 * np.pi, np.empty((n, 3))
     start = (angle, pitch, phase_a / turns, phase_b / turns)
     sigma, value, expected = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, buffer, grid, nodes, squares)
@@ -129,10 +132,12 @@ def _best_fit(
                 pitch *= 1.0 + starts[m, 1]
         begun = _grid(angle, pitch, phase_a, phase_b)
         grid, sigma, value = _fitted(xy, weights, trust, begun, shift, directions, free_scale, buffer)
+        # likelihoods of all starts are of the same dots and of as many unknowns: they compare as they are, without a penalty
         if m < 0 or value > most:
             out[0], out[1], out[2], out[3] = grid
             best_sigma, most = sigma, value
             expected = _as_expected(weights, trust, directions, sigma, value)
+        # a fit as likely as its small errors allow leaves other starts little to gain; and of many dots the grid is plain
         if m < 0 and (expected or dots >= FEW_DOTS):
             break
     _nearest(xy, out, shift, nodes, squares)
@@ -144,9 +149,11 @@ def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, square
     """Fill in the grid point of each dot and the squared distances from its places."""
     for i in range(len(xy)):
         k, j = _on_grid((grid[0], grid[1], grid[2], grid[3]), xy[i, 0], xy[i, 1])
+        # a displacement is less than half a pitch, so the nearest grid point is the dot's own (paper, section III-A.4)
         nodes[i, 0], nodes[i, 1] = round(k), round(j)
         e, f = k - nodes[i, 0], j - nodes[i, 1]
         step, aside = squares.shape[1] // 4, HALF * shift
+        # four places: entries 0 to 3 are +a, +b, -a, -b; eight: these are 0, 2, 4, 6, and the diagonals stand between
         squares[i, 0] = (e - shift) ** 2 + f**2
         squares[i, step] = e**2 + (f - shift) ** 2
         squares[i, 2 * step] = (e + shift) ** 2 + f**2
@@ -161,6 +168,7 @@ def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, square
 @inlined_kernel()
 def _grid(angle: float, pitch: float, phase_a: float, phase_b: float) -> Grid:
     """(a, b, x, y) of a grid whose phases are in pitches."""
+    # the phase of a sum of exp(2 pi i k.x) over dots of a grid is k times its origin, so the phases are x and y along its axes
     a, b = pitch * np.cos(angle), pitch * np.sin(angle)
     return a, b, phase_a * a - phase_b * b, phase_a * b + phase_b * a
 
@@ -171,6 +179,7 @@ def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
     a, b = grid[0], grid[1]
     du, dv = u - grid[2], v - grid[3]
     norm = a * a + b * b
+    # the inverse of the similarity [[a, -b], [b, a]] is its transpose over a^2 + b^2
     return (a * du + b * dv) / norm, (a * dv - b * du) / norm
 
 
@@ -223,8 +232,10 @@ def _fitted(
             # displacement expected under the posteriors of the directions (s Delta of paper, Eq. 9, not decided yet)
             along, across = shift * to_east / total, shift * to_south / total
             buffer[i, 0], buffer[i, 1], buffer[i, 2] = node_k + along, node_j + across, fits / variance
+            # the likelihood is that of the grid returned, which the last step leaves as it is, and of the sigma before it
             if step == FIT_STEPS - 1:
                 value += np.log(density + 1.0 - part)
+            # lower dots have the rim's error, whose size is known: sigma is of those without
             if weights[i] >= GOOD_WEIGHT:
                 # expected squared distance from the place; it has two axes
                 square += fits * (common - 2.0 * (along * e + across * f))
@@ -240,6 +251,8 @@ def _fitted(
 @inlined_kernel()
 def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
     """Terms of the four diagonal places in the sum over all places, and in its moments along +a and +b."""
+    # the places (+-h, +-h) shift, h = sqrt(1/2), are as far from the grid point as those on the axes: exp(shift h (+-e +- f) /
+    # variance) is all that tells them apart, and the common factor is the caller's
     down = np.exp(clip(share * (e + f), -LARGEST_LN, LARGEST_LN))
     up = np.exp(clip(share * (e - f), -LARGEST_LN, LARGEST_LN))
     against_down, against_up = 1.0 / down, 1.0 / up
@@ -251,6 +264,8 @@ def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
 def _as_expected(weights: FloatArray, trust: FloatArray, directions: int, sigma: float, value: float) -> bool:
     """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
     # of a part d^2 / 2 variance has mean 1 and standard deviation 1 (two normal axes): sqrt(n) for n dots
+    # a dot that is a part stands at one place of density trust / directions; other places are too far to matter while sigma is
+    # small. One that is none has the density 1 - trust in its cell of area 1
     expected = 0.0
     for i in range(len(weights)):
         if trust[i] > 0.5:
@@ -274,6 +289,7 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
         sv += w * ideal[i, 1]
         sx += w * xy[i, 0]
         sy += w * xy[i, 1]
+    # about these middles the place of the grid drops out of the equations for a and b: it follows from them at the end
     mu, mv, mx, my = su / sw, sv / sw, sx / sw, sy / sw
     # normal equations of x = a u - b v, y = b u + a v about the weighted middles
     num_a = num_b = den = 0.0
@@ -283,8 +299,10 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
         num_a += w * (u * px + v * py)
         num_b += w * (u * py - v * px)
         den += w * (u * u + v * v)
+    # dots that all fit one grid point leave no spread
     den = clip(den, 1e-12, np.inf)
     a, b = num_a / den, num_b / den
+    # with |(a, b)| held, least squares maximises a num_a + b num_b: the direction of the free solution, scaled to the old pitch
     if not free_scale:
         factor = np.sqrt((grid[0] ** 2 + grid[1] ** 2) / (a * a + b * b))
         a, b = factor * a, factor * b
@@ -318,6 +336,7 @@ def _fill_posteriors(
         variance = squared_error(weights[i], sigma)
         total = 0.0
         for k in range(places):
+            # no exponent is brought to 0 first: where all underflow the dot is an outlier, and the sum below is still 1 - part
             q[i, k] = np.exp(-0.5 * squares[i, k] / variance) / (2.0 * np.pi * variance) / places
             total += q[i, k]
         # an outlier lies anywhere in its cell of area 1

@@ -67,6 +67,7 @@ def _draw(
     out: FloatArray,
 ) -> None:
     """Fill in the moves of all dots, by a second-order surface through ln of the heights of whole ones; the rest is for work."""
+    # normal is 6 x 7, with the right side in the last column; its seventh row is only memory for the terms of a dot
     n, terms, share = len(heights), normal[6], 1.0 / len(heights)
     u = v = x = y = cos = sin = 0.0
     for i in range(n):
@@ -77,11 +78,15 @@ def _draw(
     whole = 0
     for i in range(n):
         p, q, s, t = offset_px[i, 0] - u, offset_px[i, 1] - v, texture_mm[i, 0] - x, texture_mm[i, 1] - y
+        # R cos and R sin of theta but for a common factor, by least squares (`pose._similarity`), which is all that a direction
+        # asks for
         cos, sin = cos + p * s + q * t, sin + q * s - p * t
         if heights[i] > least > 0.0:
             whole += 1
             p, q = p / px_per_mm, q / px_per_mm
             terms[0], terms[1], terms[2], terms[3], terms[4] = 1.0, p, q, p * p / 2.0, q * q / 2.0
+            # by ln a product of body and pressure is a sum: the slope of ln of the heights is the pressure's relative slope, in
+            # 1/mm. What heights are divided by is in the constant term
             terms[5], terms[6] = p * q, np.log(heights[i] / least)
             for j in range(6):
                 for k in range(j, 7):
@@ -89,6 +94,7 @@ def _draw(
     if whole < LEAST_WHOLE:
         return
     for j in range(1, 6):
+        # ridge regression: the variance of a height over that of the coefficient's prior
         normal[j, j] += (HEIGHT_ERROR / (SLOPE if j < 3 else BEND)) ** 2
         for k in range(j):
             normal[j, k] = normal[k, j]
@@ -103,5 +109,6 @@ def _draw(
         # half of it along the part, half of it back across: what both have in common is that of the rim, and of the scale
         slope = along_u * du + along_v * dv
         move_u, move_v = drawn_mm2 * (slope * along_u - du / 2.0), drawn_mm2 * (slope * along_v - dv / 2.0)
+        # beyond the dots that it was fitted to a second-order surface may be as steep as it likes
         share = px_per_mm * clip(FARTHEST_MM / clip(np.sqrt(move_u * move_u + move_v * move_v), 1e-9, np.inf), 0.0, 1.0)
         out[i, 0], out[i, 1] = share * move_u, share * move_v

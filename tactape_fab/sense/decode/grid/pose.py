@@ -76,10 +76,12 @@ def fit_pose(
     """
     n = len(weights)
     fit, keep, agree, buffer = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
+    # one memory layout: numba compiles a kernel anew for each
     px, mm = np.ascontiguousarray(offset_px), np.ascontiguousarray(texture_mm)
     w, fixed = np.ascontiguousarray(weights), beliefs.sigmas[0] == 0.0
     _agreeing(px, mm, w, px_per_mm, fixed, least_sigma_mm, fit, keep, agree, buffer)
     used = keep.nonzero()[0]
+    # an n x n inverse in every step grows as n^3; sorting is stable, so that equal weights always leave the same dots
     if beliefs.gel_mm > 0.0 and len(used) > MOST_CORRELATED:
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
     seen_mm, kept = px.take(used, 0) / px_per_mm, keep.take(used)
@@ -116,6 +118,8 @@ def _similarity(px: FloatArray, mm: FloatArray, weights: FloatArray, out: FloatA
         w = weights[i]
         p, q = px[i, 0] - u, px[i, 1] - v
         s, t = mm[i, 0] - x, mm[i, 1] - y
+        # least squares of (s, t) = [[a, b], [-b, a]] (p, q): a and b are the sums of scalar and of cross products over that of
+        # squares
         den += w * (p * p + q * q)
         along += w * (p * s + q * t)
         across += w * (q * s - p * t)
@@ -190,6 +194,7 @@ def _agreeing(
         keep[i] = base[i]
     for _ in range(FIT_STEPS):
         _similarity(px, mm, keep, fit)
+        # for a fixed length of (cos, sin) / R the best direction is that of the free solution
         if fixed_scale:
             length = np.hypot(fit[0], fit[1]) * px_per_mm
             fit[0], fit[1] = fit[0] / length, fit[1] / length
@@ -200,8 +205,11 @@ def _agreeing(
             distance = np.sqrt(squares[i])
             # weights of Geman and McClure: an outlier's influence falls to 0
             keep[i] = base[i] / (1.0 + (distance / (2.5 * sigma)) ** 2) ** 2
+            # low dots err more, by about 1 / height: their limit is wider, from 0.6 of a whole height down
             agree[i] = base[i] > 0.0 and distance <= AGREE_SIGMAS * sigma * clip(0.6 / base[i], 1.0, np.inf)
             count += 1.0 if agree[i] else 0.0
+    # `posterior` takes a weight for the dot's own variance, which the robust one is not: dots that are fitted have their own. Two
+    # dots fit any similarity, and three are hardly more: fewer than four keep the robust weights
     if count >= 4.0:
         reach = AGREE_SIGMAS * sigma * (1.0 + FEW_DOTS / count)
         for i in range(n):

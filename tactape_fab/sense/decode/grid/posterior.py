@@ -95,11 +95,14 @@ def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool, part: TapePart | Non
     """
     lean = (0.0, 0.0)
     if part is not None and is_long(part.shape, part.body_mm):
+        # an axis is the same after half a turn, so the direction enters as cos and sin of its double; board +y is up, texture
+        # +y down
         (length, width, _), double = part.body_mm, -part.rotation_deg * pi / 90.0
         most = PUSH_LEAN * (length - width) / (length + width)
         lean = (most * cos(double), most * sin(double))
     geometry, scale, camera = sensor.geometry, np.array(sensor.px_per_mm), sensor.camera
     known = geometry.sigma_px_per_mm
+    # half the tolerance is one standard deviation: a profile's tolerance is taken for two
     relative = 0.0 if fixed_scale else sensor.scale_tolerance / 2 if known is None else known / sensor.px_per_mm[0]
     return Beliefs(
         sigmas=np.array([relative, geometry.sigma_aspect, geometry.sigma_shear, geometry.sigma_k1]),
@@ -142,6 +145,7 @@ def posterior(
         place.
     """
     along, across, u, v, middle_x, middle_y, sigma = said = fit.tolist()
+    # 1 / R: mm on the texture per px, by which the robust fit takes px to mm
     length = hypot(along, across)
     if not (len(seen_mm) and 0.0 < length < inf and abs(sum(said)) < inf):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
@@ -150,19 +154,25 @@ def posterior(
     buffer, normal, spread = np.zeros((14, 2, len(seen_mm))), np.empty((10, 10)), np.empty((10, 10))
     rates, drawn, target, shares = buffer[:10], buffer[10:12], buffer[12], buffer[13]
     to_fill = drawn if smoothed else drawn[:0]
+    # a texture direction psi is seen at theta + psi, so the double angle turns by 2 theta
     (a, b), c2, s2 = beliefs.lean, c * c - s * s, 2.0 * c * s
     lean_u, lean_v = a * c2 - b * s2, a * s2 + b * c2
     apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, lean_u, lean_v, target, to_fill)
     if not beliefs.pulled:
         drawn[1] = 0.0
+    # dots in one place say nothing of the turn, and the normal matrix would be singular
     if not (squares < inf and apart > ONE_PLACE * squares):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     rim_mm2 = RIM_MM**2
+    # `_summed` takes sigma^2 / sqrt(weight): of squared weights that is sigma^2 / weight, the law of centres by least squares
     if not smoothed:
         weights, rim_mm2 = weights**2, 0.0
     # from x and y of the robust fit: the model is linear in them, but sums of large squares would lose digits
     scale_sigma = float(beliefs.sigmas[0])
+    # all unknowns but x, y and theta are in their own standard deviations: a prior is then 1 on the diagonal, and one that is
+    # known exactly (sigma 0) has rates of 0 and stays at 0
     scale = -log(length * px_per_mm) / scale_sigma if scale_sigma > 0.0 else 0.0
+    # x, y, theta, scale, aspect, shear, k1, push, pull; the tenth entry goes with the column of what is left, and stays 0
     state = np.array([-length * u, -length * v, 0.0, scale, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     camera = (beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm)
     terms = _Terms(seen_mm, target, drawn, weights, rim_mm2, sigma**2, *camera, state, rates, normal, spread)
@@ -174,6 +184,7 @@ def posterior(
     else:
         variance = _settled(*terms, shares)
     x, y, theta, scale, *_ = state.tolist()
+    # back from the image's axes to the texture's, by R(theta) = [[c, s], [-s, c]]
     at = np.array([c * x + s * y + middle_x, c * y - s * x + middle_y, atan2(across, along) + theta, scale * scale_sigma])
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     found = np.array([state[4:7], np.sqrt(normal.diagonal()[4:7])]) * beliefs.sigmas[1:]
@@ -190,14 +201,18 @@ def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
 
 def _settled_correlated(smooth: FloatArray, of: _Terms) -> float:
     """`_settled` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
+    # both axes of a dot have the same covariance, and none with each other: one n x n inverse serves both
     own, variance = 1.0 / np.sqrt(of.weights), of.variance
     for taken in range(1, MOST_STEPS + 1):
         _linearised_alone(of.seen_mm, of.target, of.drawn, of.sigmas, of.corner_mm, of.centre_mm, of.state, of.rates)
+        # V of the generalised least squares; dV / d variance = diag(own)
         inverse = np.linalg.inv(smooth + np.diag(variance * own + of.rim_mm2 * (1.0 - of.weights) ** 1.75))
         weighted = of.rates @ inverse
         flat = weighted.reshape(10, -1)
         np.matmul(flat, of.rates.reshape(10, -1).T, out=of.normal)
+        # X^T V^-1 diag(own) V^-1 X, the derivative of the normal matrix by the variance with its sign changed
         np.matmul((weighted * own).reshape(10, -1), flat.T, out=of.spread)
+        # tr(V^-1 dV) of one axis
         known = float(inverse.diagonal() @ own)
         before, variance = variance, _stepped_alone(of.normal, of.spread, of.state, variance, known)
         if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
@@ -231,20 +246,25 @@ def _drawn(
         u += seen_mm[i, 0]
         v += seen_mm[i, 1]
         squares += seen_mm[i, 0] ** 2 + seen_mm[i, 1] ** 2
+    # n^2 pairs: a contact has some dozens of dots
     for i in range(len(weights) if len(out) > 0 else 0):
         push_x = push_y = total = x = y = 0.0
         for k in range(len(weights)):
             dx, dy = target[0, i] - target[0, k], target[1, i] - target[1, k]
             square = dx * dx + dy * dy
+            # the dot itself adds dx = dy = 0 to the sum and its weight to the total: `total` is never 0
             near = 1.0 + square / PULL_REACH_MM**2
             near = weights[k] / (near * near)
             total += near
             x += near * dx
             y += near * dy
             if LEAST_APART_MM**2 < square < MOST_APART_MM**2:
+                # d exp(-d^2 / 2 reach^2) over its value at 1 mm, without the factor d, which is in (dx, dy)
                 share = weights[k] * np.exp((1.0 - square) / (2.0 * PUSH_REACH_MM**2))
+                # I + [[u, v], [v, -u]]: 1 + lean along the bodies' direction, 1 - lean across it
                 push_x += share * (dx + lean_u * dx + lean_v * dy)
                 push_y += share * (dy + lean_v * dx - lean_u * dy)
+        # m up to a missing weight m of 0.15, then 0.43 (0.5 - m), which is 0.15 there and 0 at 0.5
         least = clip(PULL_FALL * clip(PULL_END - 1.0 + weights[i], 0.0, np.inf), 0.0, PULL_MOST)
         missing = clip(1.0 - weights[i], -np.inf, least) / clip(total, 1e-300, np.inf)
         out[0, 0, i], out[0, 1, i] = push_x, push_y
@@ -283,6 +303,8 @@ def _settled(
 @inner_kernel()
 def lens_of(k1: float, square: float) -> tuple[float, float]:
     """By what a distortion is undone at r^2 / r_corner^2 as seen, L with L (1 + k1 r^2 L^2) = 1, and its derivative by k1."""
+    # started from the value at L = 1; after the step L is off by less than 1e-5 for |k1| up to 0.05 at the corner, which moves
+    # a dot there by 0.1 um, and by 1e-3 for 0.1
     lens = 1.0 / (1.0 + k1 * square)
     bent = square * lens * lens
     lens = (1.0 + 2.0 * k1 * bent * lens) / (1.0 + 3.0 * k1 * bent)  # a step of Newton
