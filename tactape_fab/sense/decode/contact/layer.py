@@ -39,6 +39,7 @@ def response(size: tuple[int, int], cell_mm: tuple[float, float], gel: Gel) -> F
 def _response(
     size: tuple[int, int], cell_mm: tuple[float, float], thickness_mm: float, modulus_mpa: float, poisson: float
 ) -> FloatArray:
+    # a DFT is periodic: the grid is larger by four thicknesses, where hardly anything is left of the response
     reach = [n + int(np.ceil(4 * thickness_mm / cell)) for n, cell in zip(size[::-1], cell_mm, strict=True)]  # u, v
     count = [1 << int(2 * n - 1).bit_length() for n in reach]
     spectrum = np.zeros((count[1], count[0]))
@@ -46,9 +47,14 @@ def _response(
     for i in range(-_MIRRORS, _MIRRORS + 1):
         for j in range(-_MIRRORS, _MIRRORS + 1):
             u, v = of_u + 2 * np.pi * i / cell_mm[0], of_v + 2 * np.pi * j / cell_mm[1]
+            # a uniform pressure on a cell and the mean over a cell have a sinc each along an axis. np.sinc(x) is sin(pi x) /
+            # (pi x)
             window = np.sinc(v * cell_mm[1] / (2 * np.pi))[:, None] ** 2 * np.sinc(u * cell_mm[0] / (2 * np.pi)) ** 2
             spectrum += window * _compliance(np.hypot(u, v[:, None]), thickness_mm, modulus_mpa, poisson)
+    # u = 1 / (2 pi)^2 integral of C(k) window d^2k for 1 N: with the DFT's steps of 2 pi / (N cell) its mean over N^2 entries,
+    # over the cell's area. Frequencies beyond the grid's fold back onto it, which the mirrors add up
     point = np.fft.ifft2(spectrum).real / (cell_mm[0] * cell_mm[1])
+    # the response depends on the difference of places alone; negative ones are at the end of the periodic table
     row, column = np.divmod(np.arange(size[0] * size[1]), size[1])
     out: FloatArray = point[row[:, None] - row, column[:, None] - column]
     out.flags.writeable = False
@@ -62,6 +68,8 @@ def _compliance(wavenumber: FloatArray, thickness_mm: float, modulus_mpa: float,
     """
     a = np.clip(wavenumber * thickness_mm, 1e-3, 20.0)  # from 20 on it is that of a half-space
     kappa = 3.0 - 4.0 * poisson
+    # for a -> 0 the whole tends to h (1 + nu)(1 - 2 nu) / (E (1 - nu)), a layer under uniform pressure; for large a to 2 (1 -
+    # nu^2) / (E k), the half-space
     share = (2 * kappa * np.sinh(2 * a) - 4 * a) / (2 * kappa * np.cosh(2 * a) + 1 + kappa**2 + 4 * a * a)
     found: FloatArray = 2 * (1 - poisson**2) / (modulus_mpa * np.maximum(wavenumber, 1e-3 / thickness_mm)) * share
     return found
@@ -87,6 +95,7 @@ def force_on(
     assert gel.modulus_kpa is not None
     known_cells = slice(None) if valid is None else valid.ravel()
     depth = depth_mm.ravel()
+    # the zero is not known yet: the fifth percentile is near it while a twentieth of the frame is not touched
     pressed = np.maximum(depth - np.quantile(depth[known_cells], 0.05), 0.0) * touched.ravel()
     if valid is not None:
         pressed = np.where(valid.ravel(), pressed, pressed[known_cells].mean() * touched.ravel())
@@ -97,8 +106,10 @@ def force_on(
     rates[:, :-1] = response((depth_mm.shape[0], depth_mm.shape[1]), cell_mm, gel)[:, there]
     rates *= sigmas / ERROR_MM
     rates, depth = rates[known_cells], depth[known_cells]
+    # what is asked for, as rows on z: the sum of all forces, and the zero
     sums = np.column_stack([sigmas, sigmas])
     sums[-1, 0] = sums[:-1, 1] = 0.0
+    # depth = rates z + noise, all over their standard deviations: the posterior of z is N((R^T R + 1)^-1 R^T d, (R^T R + 1)^-1)
     known = rates.T @ rates
     known[np.diag_indices(len(sigmas))] += 1.0
     spread = np.linalg.solve(known, sums)

@@ -72,6 +72,7 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
     """
     if (weights > 0.0).sum() < LEAST_TOPS:
         return None
+    # second derivatives by uu, vv and uv of a cap of these radii; depths of a flat tape have minus the gain times them
     crown = np.zeros(3) if crown_mm is None else np.array([1 / crown_mm[0], 1 / crown_mm[1], 0.0])
     found = _surface(gel_mm, tops_mm, weights, -GAIN * crown)
     if found is None:
@@ -81,12 +82,15 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
     if flat is not None:
         at, covariance = flat
     else:
+        # a bent tape says nothing of the gain: it is the prior's, independent of the slopes
         at, covariance = np.append(shown[:3], GAIN), np.zeros((4, 4))
         covariance[:3, :3], covariance[3, 3] = variance[:3, :3], GAIN_SIGMA**2
     gain = float(at[3])
     rise = at[:3] / gain
+    # rise = shown / gain: d rise / d shown = 1 / gain, d rise / d gain = -rise / gain
     rates = np.column_stack([np.eye(3), -rise]) / gain
     of_rise = rates @ covariance @ rates.T
+    # the slope is read at the image's centre: with the gel's apex elsewhere it is off by the curvature times that distance
     apex = 0.0 if crown_mm is not None else APEX_MM * float(np.abs(shown[3:]).max())
     of_rise[1:, 1:] += np.eye(2) * (SLOPE_FLOOR**2 + apex**2) + np.diag(SLOPE_SHARE * rise[1:]) ** 2
     if not (np.isfinite(rise).all() and np.isfinite(of_rise).all()):
@@ -101,6 +105,7 @@ def _surface(
     rows, believed = terms(gel_mm), np.array([0.0, 0.0, 0.0, *curvature])
     kept, error = weights, 0.005
     for _ in range(ROUNDS):
+        # over the tops' variance, as are all rows: the inverse below has to be multiplied by it
         prior = np.diag([0.0, 0.0, 0.0, *[(error / BENT_SIGMA) ** 2] * 3])
         weighted = rows.T * kept
         try:
@@ -119,6 +124,7 @@ def _flat(shown: FloatArray, variance: FloatArray, crown: FloatArray) -> tuple[F
     """Height and slopes as shown, and the gain, of a flat tape; with their covariance. None where the tape is bent."""
     loose = variance + np.diag([0.0, 0.0, 0.0, *[FLAT_TOLERANCE**2] * 3])
     known = np.asarray(np.linalg.inv(loose))
+    # from (height, slopes, gain) to the six numbers shown: three as they are, three as the gain times the crown
     to_shown = np.zeros((6, 4))
     to_shown[0, 0] = to_shown[1, 1] = to_shown[2, 2] = 1.0
     to_shown[3:, 3] = -crown
@@ -126,5 +132,6 @@ def _flat(shown: FloatArray, variance: FloatArray, crown: FloatArray) -> tuple[F
     covariance = np.asarray(np.linalg.inv(to_shown.T @ known @ to_shown + prior))
     at = covariance @ (to_shown.T @ known @ shown + prior @ np.array([0.0, 0.0, 0.0, GAIN]))
     off = shown - to_shown @ at
+    # six numbers and the gain's prior, less four unknowns: 3 degrees of freedom
     chi2 = float(off @ known @ off) + ((float(at[3]) - GAIN) / GAIN_SIGMA) ** 2
     return (at, covariance) if chi2 <= FLAT_CHI2 else None

@@ -79,6 +79,7 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
     geometry, scale, crown_mm = sensor.geometry, min(sensor.px_per_mm), sensor.gel.crown_mm
     straight = (geometry.aspect, geometry.shear, geometry.k1) == (0.0, 0.0, 0.0)
     margin = max(round(TOP_MM * scale), 1)
+    # n cells have n x n responses (`layer.response`): of 900 they are 6.5 MB
     least = sqrt(sensor.width_px * sensor.height_px / MOST_CELLS)
     block = coarseness(sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
     blocks = max(round(CELL_MM * scale / block), ceil(least / block))
@@ -131,6 +132,7 @@ class ContactSurface:
         at, margin = np.rint(self.dots_px), self.view.margin
         whole = self.agree & ((at >= margin) & (at <= self.view.last_px - margin)).all(axis=1)
         tops_mm = self.tops[whole] * self.view.unit_mm
+        # weights are inverse variances: a dot's height over a whole one's is as 1 / error, so squared
         return self.view.on_gel(self.dots_px[whole]), tops_mm, np.minimum(self.heights[whole], 1.0) ** 2
 
     @cached_property
@@ -166,6 +168,7 @@ class ContactSurface:
         if plane is None or crown_mm is None:
             return False
         u, v, uv = (plane.shown[3:] / plane.gain + (1 / crown_mm[0], 1 / crown_mm[1], 0.0)).tolist()
+        # principal curvatures are (u + v) / 2 +- hypot((u - v) / 2, uv), Mohr's circle: this is the smaller one's size
         least = abs(abs(u + v) / 2 - hypot((u - v) / 2, uv))
         return bool(least < FILM + 2.0 * sqrt(plane.shown_variance.diagonal()[3:].max()) / plane.gain)
 
@@ -208,6 +211,7 @@ class ContactSurface:
 
     def _touched(self) -> BoolArray:
         """Cells of the coarse frame near a dot."""
+        # middles of cells, where integers are pixel centres
         v, u = (np.indices(self.coarse.shape) + 0.5) * self.view.factor - 0.5
         apart = self.view.on_gel(np.stack([u, v], axis=-1).reshape(-1, 2))[:, None] - self.view.on_gel(self.dots_px)
         squares = np.einsum("ijk,ijk->ij", apart, apart).min(axis=1)
@@ -220,6 +224,7 @@ class ContactSurface:
         if self.plane is None:
             return None
         slopes = self.plane.rise[1:]
+        # d arctan(s) / ds
         rates = np.diag(1.0 / (1.0 + slopes**2))
         return np.arctan(slopes), rates @ self.plane.covariance[1:, 1:] @ rates
 
@@ -232,6 +237,7 @@ class ContactSurface:
     def _below(self, plane: Plane, zero: tuple[float, float]) -> tuple[float, float]:
         """The indentation by a zero and its standard deviation; mm."""
         gel_mm, _, weights = self._tops
+        # the surface's terms at the weighted middle of the tops: a height there is a product with the fitted coefficients
         row = terms(((weights @ gel_mm) / weights.sum())[None])[0]
         found = (float(row @ plane.shown) - zero[0]) / plane.gain
         variance = float(row @ plane.shown_variance @ row) + zero[1] ** 2

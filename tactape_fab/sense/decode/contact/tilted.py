@@ -75,13 +75,16 @@ def tilted_pose(
     film: Whether the tops are bent as those of a film: they are tilted then, whatever else.
     """
     square = float(slope @ slope)
+    # a ramp from 1 to 1.7 degrees, so that a pose does not jump where the slope passes a limit
     share = min(max((sqrt(square) - LEAST_SLOPE) / (WHOLLY - LEAST_SLOPE), 0.0), 1.0)
+    # of the height 1 - w that a dot misses only a share counts (`RELIABLE`), as far as the contact is tilted
     weights = 1.0 - (1.0 - weights) * (1.0 - share + share * np.clip((RELIABLE - weights) / STEEPNESS, LOW, 1.0))
     weights = np.where(border_mm < BORDER_MM, np.minimum(weights, AT_BORDER), weights)
     drawn = share * view.px_per_mm * _drawn_mm(_relative_slopes(heights, offset_px / view.px_per_mm), pose, view)
     along_parts = None if view.part is None else drawn_px(view.part, heights, offset_px, texture_mm, view.px_per_mm)
     if along_parts is not None:  # has been taken off, by heights of whole dots alone
         seen_px = seen_px + along_parts
+    # `settled`'s correction is taken back as far as the contact counts as tilted, the draw of the pressure taken off instead
     moved = _upright(offset_px + share * (seen_px - offset_px) - drawn, slope)
     settled = replace(view.beliefs, pulled=False)
     found = fit_pose(moved, texture_mm, weights, view.px_per_mm, settled)
@@ -91,13 +94,17 @@ def tilted_pose(
     left = (DRAWN_ERROR * drawn, LEAN_MM * view.px_per_mm * slope)
     changes = np.zeros((len(left), 3))
     for by, change in zip(left, changes, strict=True):
+        # the derivative of the pose by an unsure amount, by one step of a standard deviation: its square is what it adds
         other = fit_pose(moved + by, texture_mm, weights, view.px_per_mm, settled)
         change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
     apart = np.array([*(pose.position_mm - found.position_mm), remainder(pose.theta_rad - found.theta_rad, tau)])
     count = float(pose.agree.sum())
     not_drawn = 0.0 if film else _share_not_drawn(found.sigma_mm, pose.sigma_mm, count)
+    # a mixture of two poses with probabilities p and 1 - p: the mean of both covariances, and p (1 - p) times the square of how
+    # far they are apart (law of total variance)
     strain = changes.T @ changes + (1.0 - not_drawn) * not_drawn * np.outer(apart, apart)
+    # the variance of a dot as the mean of the frame's and of the believed one, over the frame's
     own = max((count + USUAL_DOTS * (USUAL_MM / found.sigma_mm) ** 2) / (count + USUAL_DOTS), 1.0)
     own -= CANCELS * min(CANCELS_MM / found.sigma_mm, 1.0) ** 2
     towards = not_drawn * apart
@@ -115,6 +122,7 @@ def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
     """Probability that no top is drawn, from the errors of dots under either law; a dot counts once, as neighbours err alike."""
     if not (0.0 < drawn_mm < inf and 0.0 < undrawn_mm < inf):
         return 0.0
+    # a normal law with its own best sigma has the likelihood sigma^-2 for each dot, over the two axes; half of that counts
     odds = log(AS_DRAWN) + dots * (log(undrawn_mm) - log(drawn_mm))
     return 1.0 / (1.0 + exp(min(odds, 700.0)))
 
@@ -122,6 +130,7 @@ def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
 def _upright(seen_px: FloatArray, slope: FloatArray) -> FloatArray:
     """Places as on a tape that is not tilted: the cosine of the tilt along its slope is taken out."""
     square = float(slope @ slope)
+    # seen from above a tape of slope g is shorter along g by cos = 1 / sqrt(1 + g^2); g g^T / g^2 projects on that direction
     return seen_px + ((sqrt(1.0 + square) - 1.0) / square) * (seen_px @ slope)[:, None] * slope
 
 
@@ -131,6 +140,7 @@ def _drawn_mm(slopes: FloatArray, pose: Pose, view: View) -> FloatArray:
     psi = 0.0 if view.part is None else pose.theta_rad - view.part.rotation_deg * pi / 180.0
     to_part = np.array([[cos(psi), -sin(psi)], [sin(psi), cos(psi)]])  # for rows
     most_mm = MOST_DRAWN * size_mm
+    # linear for small slopes, and at most `most_mm`
     along = most_mm * np.tanh(slopes @ to_part * (np.array(DRAWN) * size_mm**2 / most_mm))
     drawn: FloatArray = along @ to_part.T
     return drawn
@@ -146,6 +156,7 @@ def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:
     shares = heights / max(float(np.sort(heights)[3 * len(heights) // 4]), 1e-300)
     known, level = rows[:, shares > 0.0], shares[shares > 0.0]
     prior = np.diag([1e-9, *(HEIGHT_ERROR / np.repeat((SLOPE, BEND, TWIST), (2, 3, 4))) ** 2])
+    # ridge regression; the constant's prior is only there so that no matrix is singular
     surface = np.linalg.solve(known @ known.T + prior, known @ level)
     slopes: FloatArray = np.stack([surface @ along_u, surface @ along_v], axis=1) / np.maximum(surface @ rows, FLOOR)[:, None]
     return slopes

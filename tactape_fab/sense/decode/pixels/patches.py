@@ -80,6 +80,9 @@ class PixelFit:
         """Expected squares of the differences of a patch that are left, over the variance of a slope: two of a pixel have it
         together, height, place and background take eight.
         """
+        # side (side - 1) differences along u and as many along v. White slopes of variance s^2 have s^2 for each component and
+        # pixel; the depth is integrated from their part without curl, which is half of it on the mean: s^2 for both components
+        # together
         side = len(self.offsets_px)
         return side * (side - 1.0) - 8.0
 
@@ -126,7 +129,10 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
     factor = max(int(scale / FINE_PX_PER_MM), 1)
     half = max(round(HALF_MM * scale / factor), 3)
     offsets = np.arange(-half, half + 1, dtype=np.float32)
+    # from -1 to 1, so that backgrounds of both orders are of one size and single precision holds their products
     u, v = np.meshgrid(offsets / half, offsets / half)
+    # u.size - 1 differences row by row, with 0 at the ends of rows, and u.size - len(u) downwards; a constant background has
+    # none
     smooth = np.empty((5, 2 * u.size - 1 - len(u)), dtype=np.float32)
     for background, out in zip((u, v, u * u, u * v, v * v), smooth, strict=True):
         _differences(background.ravel(), len(u), out)
@@ -137,9 +143,12 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
         centre_mm=sensor.camera.from_px(sensor.centre_px),
         half_px=half,
         offsets_px=offsets,
+        # an orthonormal basis: what the backgrounds explain of a column is the sum of squares of its products with them
         basis=np.ascontiguousarray(np.linalg.qr(smooth.T.astype(np.float64))[0].T, dtype=np.float32),
         usable=_usable(sensor, factor, half),
         blur_mm=sensor.gel.blur_mm,
+        # a slope times a pixel, 1 / scale mm, in the frame's unit. Means over blocks of factor^2 pixels have slopes less noisy
+        # by the factor, over pixels wider by it: their differences have the same variance
         variance=None if not slope or unit is None else (slope / scale / unit) ** 2,
     )
 
@@ -171,6 +180,7 @@ def _usable(sensor: SensorProfile, factor: int, half: int) -> BoolArray:
     else:
         blocks = sensor.mask[: h * factor, : w * factor].reshape(h, factor, w, factor)
         depth[half : half + h, half : half + w] = blocks.all(axis=(1, 3))
+    # a summed-area table: four entries count the pixels with depth of any rectangle
     sums = np.pad(depth, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     side = 2 * half + 1
     count = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
@@ -182,6 +192,7 @@ def has_patch(fit: PixelFit, at_px: FloatArray) -> BoolArray:
     """Whether all pixels around places can be used."""
     h, w = fit.usable.shape
     at = np.rint(at_px)
+    # places may lie off the image: clipped they are an index, and no longer equal to what was asked for
     nearest = np.minimum(np.maximum(at, 0.0), (w - 1.0, h - 1.0))
     u, v = nearest.astype(np.int64).T
     whole: BoolArray = (nearest == at).all(axis=1) & fit.usable[v, u]
@@ -201,6 +212,7 @@ def settled_patches(
     found = fitted(fit, image, at_px, to_body, part, blur_mm)
     if fit.blur_mm is None:
         wanted_mm, few = _wanted_blur_mm(blur_mm, found), at_px[:BLUR_PATCHES]
+        # each fit is linear in half the blur's variance, so a blur that is far off takes several steps
         if abs(log(wanted_mm / blur_mm)) > BLUR_NEAR:
             for _ in range(BLUR_STEPS):
                 again = fitted(fit, image, few, to_body, part, wanted_mm, at_px)
@@ -225,12 +237,15 @@ def settled_patches(
 
 def _wanted_blur_mm(blur_mm: float, found: Patches) -> float:
     """The blur of `BLURS_MM` that a fit under another one asks for, half to twice that."""
+    # a mean weighted by 1 / variance; what is no bump has no blur
     weight = (found.height > 0.0) / found.more_variance
     if 2 * np.count_nonzero(weight) > len(weight):
+        # `more_mm2` is half the variance that is missing
         square = blur_mm**2 + 2.0 * float(weight @ found.more_mm2) / max(float(weight.sum()), 1e-300)
     else:  # what is much sharper looks like a negative height and a blur that makes up for it
         square = 0.0
     square = min(max(square, blur_mm**2 / 4.0), blur_mm**2 * 4.0)
+    # the nearest blur of the geometric series: tables are kept for these alone
     steps = round(log(max(square, 1e-300) / USUAL_BLUR_MM**2) / (2.0 * log(BLUR_STEP)))
     return BLURS_MM[min(max(steps, -MOST_BLUR_STEPS), MOST_BLUR_STEPS) + MOST_BLUR_STEPS]
 
@@ -258,6 +273,7 @@ def fitted(
     # a pixel is the mean over its area, which is as a blur of 1/12 px^2
     blur = hypot(blur_mm, 1.0 / sqrt(12.0) / fit.scale_px_per_mm[0])
     reach, (length_mm, width_mm) = len(fit.offsets_px) * STEPS, part.body_mm[:2]
+    # a box smoothed by a round Gaussian is a product: a smoothed step up and down along the length, and one along the width
     along, across = _profile(length_mm / 2.0, blur, reach, dense), _profile(width_mm / 2.0, blur, reach, dense)
     images = np.empty((5, len(fit.offsets_px) ** 2), dtype=np.float32)
     columns, products, out = np.empty(fit.basis.shape, dtype=np.float32), np.empty((5, 5)), np.empty((12, len(base)))
@@ -314,6 +330,8 @@ def _fit(
     Columns of the least squares are the relief, its slopes along the body's length and width, its derivative by half the blur's
     variance, and the frame.
     """
+    # `zero` is the table's middle, and the half that makes of `int` the nearest entry. A body's place is in table entries:
+    # per_px has the factor `dense`
     last, half, zero = len(along) - 1, side // 2, np.float32(len(along) // 2 + 0.5)
     along_u, along_v, across_u, across_v = per_px[0, 0], per_px[0, 1], per_px[1, 0], per_px[1, 1]
     for n in range(len(base)):
@@ -352,15 +370,19 @@ def _fit(
             of = _products(columns, columns[k])
             for m in range(5):
                 products[k, m] = of[m]
+        # normal equations of what the backgrounds leave (Frisch and Waugh): products less those of the parts along the basis
         for c in range(len(basis)):
             smooth = _products(columns, basis[c])
             for k in range(5):
                 for m in range(5):
                     products[k, m] -= smooth[k] * smooth[m]
+        # height and place alone first: entry (0, 4) is then the height under the blur that all dots share
         for k in range(3):
             eliminate(products, k, 4)
         out[3, n] = products[0, 4]  # before the blur is fitted as well
         eliminate(products, 3, 4)
+        # after the fourth: the inverse of the normal matrix in front, the coefficients in column 4, the right side still in row
+        # 4
         height, power, found = products[0, 4], max(products[4, 4], 1e-300), 0.0
         for k in range(4):
             found += products[k, 4] * products[4, k]
@@ -407,8 +429,10 @@ def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> Image:
     """A smoothed step up and down, its slope and curvature, `reach` places on both sides of the middle, `dense` a mm; (k, 4)."""
     at = np.arange(-reach, reach + 1) / dense
     up, down = (at + half_mm) / blur_mm, (at - half_mm) / blur_mm
+    # the integral of a Gaussian over the body: Phi(up) - Phi(down)
     value = [(erf(a / sqrt(2.0)) - erf(b / sqrt(2.0))) / 2.0 for a, b in zip(up.tolist(), down.tolist(), strict=True)]
     bell_up, bell_down = (np.exp(-(z**2) / 2.0) / (sqrt(2.0 * pi) * blur_mm) for z in (up, down))
+    # derivatives by the place; of exp(-z^2 / 2) it is -z / blur times it
     slope, curvature = bell_up - bell_down, (down * bell_down - up * bell_up) / blur_mm
     table = np.array([value, slope, curvature, np.zeros(len(at))], dtype=np.float32).T.copy()  # an entry is in one cache line
     table.setflags(write=False)

@@ -99,6 +99,7 @@ def refine(
     if usable < LEAST_PATCHES or not median(found.misfit) <= MOST_MISFIT:
         return pose, "the pixels around the dots do not look like the tape's parts"
     left = median(found.left)
+    # chi^2 over its degrees of freedom, of the middle dot: outliers among the dots do not decide
     excess = 1.0 if fit.variance is None else left / (fit.freedom * fit.variance)
     if not excess <= MOST_EXCESS:
         return pose, f"the pixels around the dots differ from the tape's parts by {sqrt(excess):.1f} times the slopes' noise"
@@ -108,10 +109,14 @@ def refine(
     gel_mm, nominal_mm = fit.from_px(centres), texture_mm.take(chosen, 0)
     c, s = cos(pose.theta_rad), sin(pose.theta_rad)
     turned = np.array([[c, s], [-s, c]])  # for rows: from the texture's axes to the image's
+    # a dot's own residuals estimate its slopes' variance where they are larger than usual; smaller ones are chance
     slopes = np.maximum(found.left, left) / fit.freedom
+    # mean variance of both axes: `fit_pose` takes one weight a dot
     own = (found.spread_mm2[:, 0, 0] + found.spread_mm2[:, 1, 1]) / 2.0 * slopes
     inwards, low = at_rim(nominal_mm, texture_mm, found.imprint)
     scale = view.px_per_mm / pose.px_per_mm
+    # where a dot is seen less where its part is by the dots' pose, image axes, mm on the texture: the errors that the law is
+    # fitted to
     drawn_mm, buffer = gel_mm * scale + (pose.position_mm - nominal_mm) @ turned, np.empty((7, 2, len(own)))
     _rim_law(
         drawn_mm,
@@ -127,6 +132,7 @@ def refine(
         weights := np.empty(len(own)),
     )
     refined = fit_pose(
+        # `_rim_law` has replaced the errors by the rim's share of them: it is taken off, in mm of the profile's scale again
         (gel_mm - drawn_mm / scale) * view.px_per_mm,
         nominal_mm,
         weights,
@@ -175,6 +181,7 @@ def mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
     """The gel's mm, right and down, of pixels right and down amid some places; shape (2, 2)."""
     if fit.camera.k1 == 0.0:
         return fit.camera.inverse * fit.factor
+    # the Jacobian by central differences over one pixel; without a lens it is the matrix itself
     steps = fit.from_px(at_px.mean(axis=0) + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
     return np.stack([steps[0] - steps[1], steps[2] - steps[3]], axis=1)
 
@@ -206,13 +213,18 @@ def _rim_law(
         noise, drawn = HEIGHT_ERROR * np.sqrt(own[i]), missing / (1.0 + 2.0 * missing)
         likely = 1.0 / (1.0 + np.exp((AT_RIM - missing / noise) / AT_RIM_STEP))
         low[i], all_of = likely * drawn, all_of + (likely * drawn) ** 2
+        # variance of the shift over the squared pull: that of the missing height (m / (1 + 2 m) rises by 1 at most), of the
+        # law, and p (1 - p) drawn^2 of whether the dot is at the rim at all
         unsure = likely * (noise**2 + (PULL_SCATTER * drawn) ** 2 + (1.0 - likely) * drawn**2)
+        # errors of dots at the rim are mostly the rim's: they say little of the pose. `weights` holds `unsure` until the pull
+        # is known
         weight, weights[i] = 1.0 / (own[i] + PULL_MM**2 * (low[i] ** 2 + unsure) + USUAL_MM**2), unsure
         x, y = gel_mm[i, 0], gel_mm[i, 1]
         dx, dy = x - centre_mm[0], y - centre_mm[1]
         square = (dx / corner_mm[0]) ** 2 + (dy / corner_mm[1]) ** 2
         u, v = rates[:, 0, i], rates[:, 1, i]
         # x, y, the turn, ln of the scale, aspect, shear and k1
+        # derivatives at the profile's camera, each over one standard deviation of its prior (`posterior._linearised`)
         aspect, bend = sigmas[1] / 2.0, sigmas[3] * square
         u[0], u[1], u[2], u[3], u[4], u[5], u[6] = 1.0, 0.0, -y, sigmas[0] * x, aspect * x, sigmas[2] * y, bend * dx
         v[0], v[1], v[2], v[3], v[4], v[5], v[6] = 0.0, 1.0, x, sigmas[0] * y, -aspect * y, 0.0, bend * dy
@@ -224,6 +236,7 @@ def _rim_law(
         normal[k, k] += 1.0
     for k in range(7):
         eliminate(normal, k, 7)
+    # ridge regression on one unknown about its prior mean: (w p0 + sum drawn e) / (w + sum drawn^2), e the error inwards
     pull_mm = PULL_WEIGHT * PULL_MM
     for i in range(n):
         for axis in range(2):
@@ -231,6 +244,7 @@ def _rim_law(
                 error_mm[i, axis] -= rates[k, axis, i] * normal[k, 7]
             pull_mm += low[i] * error_mm[i, axis] * inwards[i, axis]
     pull_mm = min(max(pull_mm / all_of, 0.0), 2.0 * PULL_MM)
+    # the rates are no longer needed: their first rows hold the whole dots' squared errors and own variances
     squares, owns, whole, least = rates[0, 0], rates[1, 0], 0, np.inf
     for i in range(n):
         x, y = pull_mm * low[i] * inwards[i, 0], pull_mm * low[i] * inwards[i, 1]
@@ -285,6 +299,7 @@ def _at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArra
         inner = n
         for i in range(n):
             low[i] = height[i]
+        # the median of the higher half, which no rim lowers as long as half of the dots are inside
         level = select(low, n // 2 + (n - n // 2) // 2)
     else:
         level = select(low[:inner], inner // 2)
