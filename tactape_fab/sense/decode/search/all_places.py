@@ -68,6 +68,7 @@ def _weigh(
     """
     if many is not None and sites.kinds[2] == 1:
         prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, buffers, many, holed)
+    # 0 and 1: classes of many sites, on the tape and over its edge; 2 and 3: of few
     for order in range(4):
         over = order % 2
         for k in range(len(sites.classes)):

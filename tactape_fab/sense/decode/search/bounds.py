@@ -51,6 +51,7 @@ class Bounds(NamedTuple):
 
 def no_bounds(m: int, length: int, differences: IntArray) -> Bounds:
     """Bounds for dots of at most `m` columns and rows, none made yet."""
+    # 4 turns, 2 axes, and some 2 m ranges of the dots along a line: all of them, or without those beyond one edge of the tape
     most = 16 * m
     return Bounds(
         np.full((4, 2, m + 1, m + 1), -1, dtype=np.int64),
@@ -85,6 +86,7 @@ def slot_of(
     low, high = dots
     slot = of.slot[turn, axis, low, high]
     if slot < 0:
+        # full: tapes that are smaller than the contact cut dots off at both edges, in more ways than there are slots
         if of.used[0] == len(of.pairs):  # begin again
             of.used[0] = 0
             for t in range(4):
@@ -131,6 +133,7 @@ def bound_two(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64, 
     one, two, pairs = of.buffer[:length], of.buffer[length : 3 * length], of.pairs[slot, line]
     _said(one, lines, dots, line)
     _said(two, lines, dots, line + 1)
+    # phases of neighbours differ by delta, so max over p of x[p] + x'[p + delta] bounds both wherever they lie
     for step in range(least, greatest + 1):
         most = one[0] + two[step]
         for p in range(1, length):
@@ -164,6 +167,7 @@ def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats, both: Fl
     two, three (2 L,), (3 L,): Phases twice and three times over; ``both`` (2 L L,) is a work buffer.
     """
     length, least = len(one), differences[0]
+    # entry (p, k): the second line at phase p and the third k further on; the first at p - step makes the sum of three
     for p in range(least, differences[1] + length):
         for k in range(length):
             both[p * length + k] = two[p] + three[p + k]
@@ -213,6 +217,7 @@ def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tu
     """Bound of some lines (first, last + 1) together for every place of the first in the plane; NEVER too near its end."""
     first, number = lines[0], lines[1] - lines[0]
     before, threes, after = runs_of(number, way)
+    # a line by itself is bounded by its largest entry, which is the same at every start
     count, behind, rest = len(out) - number + 1, before + 3 * threes, np.float32(0.0)
     if before == 1:
         rest += np.float32(bounds.line_most[slot, first])
@@ -255,6 +260,7 @@ def largest_of(values: Floats, count: int, buffers: Floats) -> tuple[Floats, int
     Two of them, which overlap, have any `count` neighbours between them. ``buffers`` are two as long as the values, overwritten.
     """
     largest, target, other, width, windows = values, buffers[0], buffers[1], 1, len(values)
+    # doubling: the largest of 2 w neighbours is the larger of two windows of w, w apart; log2(count) passes in all
     while 2 * width <= count:  # of one value, of two, of four ...
         windows -= width
         _larger(target[:windows], largest, largest[width:])
@@ -296,6 +302,7 @@ def bound_lines(
         at, bound = starts[start] + place, whole
         for k in range(first, behind, 3):
             bound += of_three[k, steps[1, at + k]] - triple_most[k]
+            # a bound that was not followed to its end is still a bound, as each run only lowers it
             if bound < lowest:
                 break
         if bound >= lowest and after == 2:
@@ -334,6 +341,7 @@ def survivors_of_starts(
             if count + sites <= _FEW:
                 for j in range(begin[k], begin[k + 1]):
                     at = count + j - begin[k]
+                    # insertion sort: ascending as in `survivors`, so that sums are in one order however sites were found
                     while at > 0 and out[at - 1] > members[j]:
                         out[at] = out[at - 1]
                         at -= 1

@@ -79,6 +79,8 @@ def built_of(tape: Tape) -> Built | None:
     shift, sigma, present = np.zeros((*placed.shape, 2)), np.zeros(placed.shape), np.zeros(placed.shape, dtype=bool)
     shift[placed] = parts.shift_mm * (1.0, -1.0)  # board +y is up, texture +y down
     drift = tape.as_built.drift_mm
+    # what neighbours are wrong by together moves a contact as a whole: it is no error of a dot against its grid, and comes on
+    # top of the pose's covariance (`accept_place`)
     sigma[placed], present[placed] = np.sqrt(np.maximum(parts.sigma_mm**2 - drift**2, 0.0)), parts.present
     shown = np.where(present, shown_by(tape), NO_PART).astype(np.uint8)
     return Built(shift_mm=shift, sigma_mm=sigma, present=present, shown=shown, drift_mm=drift)
@@ -141,6 +143,7 @@ def as_built(
         found = _candidates(place, own, tapes, built, families)
         if len(found.tape):
             evidence = _weighed(found, fit, xy, dots, said, design, free_scale, tapes, built)
+    # a tape that was measured has a tenth of its weight at the design's places, nine tenths at the measured ones
     share = LN_REST if measured else 0.0
     nominal = place.score + place.weight + share
     if evidence is None or (evidence.score + evidence.credit + found.weight).max() + LN_SHARE <= nominal:
@@ -160,6 +163,7 @@ def _best(place: Place, found: _Places, evidence: _Evidence) -> tuple[Place, Flo
     # all places by the design, in multiples of the answer; the best of them is a rival if it is not the answer
     others = (place.others + (not same)) * exp(min(place.score + place.weight - float(found.weight[at]) - mine, 600.0))
     others += float(np.exp(np.minimum(rest + np.delete(found.weight, at) - float(found.weight[at]) - mine, 600.0)).sum())
+    # the strongest place but the answer: by the design the next best, or the design's best itself where that is another place
     strongest = place.score + float(cue[place.turn]) - (place.lead if same else min(place.lead, 0.0))
     strongest = max(strongest, float((rest + cue[np.delete(found.turn, at)]).max(initial=-inf)))
     best = replace(
@@ -188,6 +192,7 @@ def _candidates(
                 continue
             size = np.array([tapes[tape].columns, tapes[tape].rows])
             for turn in range(4):
+                # a reach beyond all of the tape: every place of it
                 cells, values = places_near(t, shown_by(tapes[tape]), turn, np.zeros(2), float(size.sum() + 1000), LEAST_DOTS)
                 over = (~((cells >= 0) & (cells <= size - t.size[turn])).all(axis=1)).astype(np.int64)
                 row = np.column_stack([np.broadcast_to([of, tape, turn], (len(cells), 3)), cells, over])
@@ -213,8 +218,10 @@ def _said(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:
     same = (fit.nodes[:, None] == fit.nodes).all(axis=2)
     order = np.arange(len(likely))
     ahead = (likely > likely[:, None]) | ((likely == likely[:, None]) & (order < order[:, None]))
+    # one part a grid point, as in `fit._fill_posteriors`
     part = np.where((same & ahead).any(axis=1), 0.0, dots.trust * (1.0 - OUTLIER_SHARE))
     variance = squared_errors(dots.weights, fit.sigma)
+    # the mean over the symbols, alike before the dot is seen: the density whatever its symbol
     density = np.exp(-0.5 * fit.squares / variance[:, None]).mean(axis=1) / (2.0 * np.pi * variance)
     return part, np.log(part * density + 1.0 - part)
 
@@ -240,6 +247,7 @@ def _weighed(
     directions = fit.squares.shape[1]
     inside, symbol, off, own = _looked_up(places, tapes, built)
     off = np.einsum("kij,knj->kni", _TO_GRID[places.turn], off) / pitch_mm
+    # the place's own variance, pitches squared; added to that of the dot
     own = (own / pitch_mm) ** 2
     part = said[0] * inside
     around = shift * _around(directions)
@@ -249,6 +257,8 @@ def _weighed(
     q = (part[..., None] * density + (1.0 - part[..., None]) / directions) / total[..., None]
     q = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / directions
     named = np.take_along_axis(q, _columns(directions)[places.turn[:, None], symbol][..., None], axis=2)[..., 0]
+    # E with 4 q(symbol), of eight directions 8 q, in place of 2 q(b) for each bit: its mean is 1 as well where all symbols are
+    # alike. A dot off the parts has the factor 1
     score = (np.log(directions * named) * inside).sum(axis=1)
     # a place where the dots are less likely than by the design, whatever their symbols, is worth less; the bound still holds
     likelier = ((np.log(total) - said[1]) * inside).sum(axis=1)
@@ -282,6 +292,7 @@ def _fitted(
         variance = np.stack([squared_errors(dots.weights, float(s)) for s in sigma]) + own
         if step == STEPS:
             break
+        # over the nearest place's, so that no sum of all is 0 where a dot is far from each
         at = np.exp(-0.5 * (squares - squares.min(axis=2, keepdims=True)) / variance[..., None])
         total = at.sum(axis=2)
         density = part * total * np.exp(-0.5 * squares.min(axis=2) / variance) / (2.0 * len(around) * np.pi * variance)
@@ -289,6 +300,7 @@ def _fitted(
         share = at / total[..., None]
         grid = _moved(xy, point + share @ around, fits / variance, grid, free_scale)
         if step > 0:
+            # two axes of the parts' own variance are known, and no error of the dots
             excess = np.maximum((share * squares).sum(axis=2) - 2.0 * own, 0.0)
             square = USUAL_COUNT * USUAL_SIGMA**2 + (fits * excess)[:, good].sum(axis=1)
             count = USUAL_COUNT + 2.0 * fits[:, good].sum(axis=1)
@@ -308,6 +320,7 @@ def _moved(xy: FloatArray, ideal: FloatArray, weight: FloatArray, grid: FloatArr
     square = np.maximum((weight * (u * u).sum(axis=2)).sum(axis=1), 1e-12)
     a, b = along / square, across / square
     length, before = np.hypot(a, b), np.hypot(grid[:, 0], grid[:, 1])
+    # of a place that does not fit hardly a dot has weight: its grid stays as it was
     usable = np.isfinite(length) & (length > 0.5 * before) & (length < 2.0 * before)
     if not free_scale:
         a, b = a * before / np.maximum(length, 1e-300), b * before / np.maximum(length, 1e-300)

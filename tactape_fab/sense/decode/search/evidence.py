@@ -74,6 +74,8 @@ def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence:
             cells[i, 0], cells[i, 1] = -k, -j
         else:
             cells[i, 0], cells[i, 1] = -j, k
+        # after `turn` quarter turns the texture's x axis is the grid's direction number `turn`: letters follow from there,
+        # clockwise
         e, s, w, m = q[i, turn % 4], q[i, (turn + 1) % 4], q[i, (turn + 2) % 4], q[i, (turn + 3) % 4]
         # ln 2 q(b) for b = 1, 0: a bit's evidence is their mean, and half their difference with the bit's sign
         x1, x0 = np.log(2.0 * (w + s)), np.log(2.0 * (e + m))
@@ -116,8 +118,11 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     corner, size = np.empty((4, 2), dtype=np.int64), np.empty((4, 2), dtype=np.int64)
     codes = None if q.shape[1] == 4 else _CODES_AROUND
     m = _fill_cells(nodes, q, codes, cells, evidence, corner, size)
+    # memory of the tables goes with m^2: dots that reach farther are no contact, and get none
     if m > most:
         m = 0
+    # phases twice over, so that L of them from any phase on are one piece of memory without a modulo. Single precision: ln E of
+    # up to some hundred is right to 1e-4, and a vector holds twice as many
     lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
     dots, most_said = np.zeros((4, m + 1, m + 1), dtype=np.int64), np.zeros((4, 2, m + 1, m + 1))
     if length > 0:
@@ -163,6 +168,7 @@ def _fill_lines(cells: IntArray, evidence: FloatArray, signs: Floats, lines: Flo
                 line, along = cells[turn, i, axis], cells[turn, i, 1 - axis]
                 # half the mean on each axis: the entries of a column and a row then add up to ln E
                 mean, half = np.float32(0.5 * evidence[turn, i, 0]), np.float32(evidence[turn, i, 1 + axis])
+                # entry p: the line's phase is p at the dots' corner, so this dot shows bit p + along of the main sequence
                 out, bits = lines[turn, axis, along + 1, line], signs[along % length :]
                 for p in range(twice):
                     out[p] += mean + half * bits[p]
@@ -183,6 +189,8 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
             c, r = cells[turn, i, 0] + 1, cells[turn, i, 1] + 1
             dots[turn, c, r] += 1
             for axis in range(2):
+                # mean + |half difference| is the larger of what both bits say; the mean is halved over the axes as in
+                # `_fill_lines`
                 most[turn, axis, c, r] += 0.5 * evidence[turn, i, 0] + abs(evidence[turn, i, 1 + axis])
             if evidence.shape[2] == 4:
                 most[turn, 1, c, r] += abs(evidence[turn, i, 3])
@@ -274,6 +282,7 @@ def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray
     first, last = span
     length, cycle, nothing = len(out), said.shape[1] // 2, len(said) - 1
     for k in range(first, last, 4):  # four at a time, so that sums pass through memory a quarter as often; zeros behind the last
+        # behind the last line the row of zeros is added: one loop for any number of lines
         k1, k2, k3 = (
             (k + 1 if k + 1 < last else nothing),
             (k + 2 if k + 2 < last else nothing),

@@ -45,6 +45,7 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
     found = []
     for name in dict.fromkeys(tape.code for tape in tapes):
         order = [k for k, tape in enumerate(tapes) if tape.code == name]
+        # alike ones side by side: `sites_of` makes classes of runs, and those with holes have other kernels
         order.sort(key=lambda k: (not tapes[k].placed.all(), tapes[k].columns, tapes[k].rows))
         members = [tapes[k] for k in order]
         code = get_code(name).sequences
@@ -96,6 +97,7 @@ def _unregistered(code: PlaneCode, sizes: list[tuple[int, int]], tapes: Sequence
     common: dict[tuple[int, int], list[Tape]] = {}
     for tape in tapes:
         common.setdefault(tape.origin, []).append(tape)
+    # where all sectors are registered at an origin, nobody else's tape can be there
     there = [found for found in common.values() if len(found) < code.sectors]
     size_of = [_least_size(sizes, found) for found in there]
     order = sorted(range(len(there)), key=lambda k: (size_of[k], len(there[k])))

@@ -47,6 +47,7 @@ def groups_of(tables: Tables, sizes: IntArray, least: int) -> Groups:
     least: Fewest dots on the tape.
     """
     m = tables.dots.shape[1]
+    # 4 turns, and at most 2 m cuts along each axis
     spans, largest = np.empty((4, len(sizes), 2), dtype=np.int64), 16 * len(sizes) * (m + 1) ** 2
     groups, limits = np.empty((largest, 9), dtype=np.int64), np.empty((largest, 3))
     cuts = np.empty((2, 2 * m, 4), dtype=np.int64)
@@ -93,6 +94,7 @@ def _fill_groups(
 def _cuts(out: IntArray, size: int, dots: int) -> int:
     """Ways to lay so many lines of dots on so many lines of a tape: first place, how many places, first line, last + 1."""
     n = 0
+    # all lines on the tape: many places in one group. Over an edge each place cuts off other lines, and is a group of its own
     if size >= dots:
         out[0, 0], out[0, 1], out[0, 2], out[0, 3] = 0, size - dots + 1, 0, dots
         n = 1
@@ -107,6 +109,7 @@ def _cuts(out: IntArray, size: int, dots: int) -> int:
 def likelier_turn(k: int, turn: FloatArray) -> int:
     """The k-th quarter turn, likelier ones first: a turn and its half turn are as likely. ``turn`` as in `Weights`."""
     likely = 0 if turn[0] >= turn[1] else 1
+    # 0, 2, 1, 3 if the even turns are likelier, else 1, 3, 0, 2
     return (2 * k + (k // 2 + likely) % 2) % 4
 
 
@@ -122,6 +125,8 @@ def count_places(groups: Iterable[Groups], classes: Iterable[IntArray]) -> Float
 def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: FloatArray) -> None:
     for turn in range(4):
         for k in range(len(classes)):
+            # sites times the tapes of each (`plane_sites.FIRST`, `LAST`, `TAPES`); all L^2 sectors of a site but the barred
+            # ones
             tapes = (classes[k, 1] - classes[k, 0]) * classes[k, 3]
             for g in range(spans[turn, classes[k, 2], 0], spans[turn, classes[k, 2], 1]):
                 if groups[g, OVER] > classes[k, OVERHANG]:  # only the first group has all dots on the tape

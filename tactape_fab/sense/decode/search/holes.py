@@ -31,6 +31,8 @@ def reach_holes(holed: IntArray, group: IntArray) -> bool:
     found = True
     for axis in range(2):
         own = 4 * axis
+        # the tape's lines that the dots reach from the group's first place to its last; `holed` counts lines with holes before
+        # each
         low, high = group[own] + group[own + 2], group[own] + group[own + 1] - 1 + group[own + 3]
         found = found and holed[axis, high] > holed[axis, low]
     return bool(found)
@@ -57,6 +59,8 @@ def weigh_holed(
     (group, limit), holed, out = of, sites.holed[sites.layout[span[0]]], buffers.lines[0, 0]
     length, least, dropped, count = len(out), least_of(of_all, terms, tally.sums), 0.0, 0
     for j in range(group[ROWS]):
+        # a hole is under the dots only where both their columns and their rows reach lines that have one: this leaves some
+        # places more than it must, none less
         if over_holes(holed, group, np.int64(1), j):
             buffers.rows[0, count], buffers.rows[1, count] = j, j % length
             count += 1
@@ -121,6 +125,7 @@ def _bound_whole(
     slot = slot_of(known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis], (k, k), np.int64(0))
     while k < last:
         run = 0
+        # the next line is whole if the count of holed ones does not rise over it
         while run < 3 and k + run < last and holed[axis, start + k + run + 1] == holed[axis, start + k]:
             run += 1
         if run == 0:
@@ -175,6 +180,7 @@ def _add_whole(
         above = lines[high, k, shift : shift + length]
         for p in range(length):
             out[p] += above[p]
+        # sums of all rows below: the dots from row `low` on are the difference; below row 0 there are none
         if low > 0:
             below = lines[low, k, shift : shift + length]
             for p in range(length):
@@ -198,6 +204,8 @@ def _evidence(tables: Tables, sites: Sites, of: tuple[int, int], at: tuple[int, 
             said = (
                 evidence[i, 0] + evidence[i, 1] * sites.signs[x_phase % length] + evidence[i, 2] * sites.signs[y_phase % length]
             )
+        # starts at what all dots can say and is lowered dot by dot, so that it bounds the sum wherever it stops. A dot off all
+        # parts has ln E = 0, its factor in E is 1
         bound += said - (evidence[i, 0] + abs(evidence[i, 1]) + abs(evidence[i, 2]))
         if bound < least - _ROUNDING:
             break

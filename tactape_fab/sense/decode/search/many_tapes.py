@@ -110,6 +110,7 @@ def prepare(
         more.known_turns[turn] = False
         more.ways[turn] = 0
         _bound_turn(tables, sites, turn, more)
+    # a group is left out by what it weighs beside the best: without a good place first nothing would be
     if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
         tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, holed, most_said))
 
@@ -137,6 +138,7 @@ def choose(
         rest = 0.0
         left, dropped, most = _open_inside(sites, of[0], turn, kind, least, more)
         places = of[0][COLUMNS] + of[0][ROWS]
+        # more bounds only where looking at the sites left would take longer than making them
         while more.ways[turn] < WAYS and left * places > _PLACES_BOUNDED * len(more.everywhere[0]):
             _bound_turn(tables, sites, turn, more)
             left, dropped, most = _open_inside(sites, of[0], turn, kind, least, more)
@@ -150,6 +152,7 @@ def choose(
         if _PLACES_A_SITE * left > len(more.everywhere[0]):
             left, more_dropped, more_most = _bound_across(tables, sites, of[0], turn, axis, np.int64(left), least, more)
             dropped, most = dropped + more_dropped, max(most, more_most - rest)
+    # `dropped` is in sites at `least`, and of_all counts the places of all sites of the class: one site has its share
     weight = dropped / float(kind[2] - kind[1]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
     count_bound(weight, most + rest + terms[1], tally.sums)
     return int(left)
@@ -203,11 +206,13 @@ def _bound_inside(sites: Sites, group: IntArray, turn: int, kind: tuple[int, int
     for axis in range(2):
         span, count = sites.starts.spans[kind[0], axis], group[COLUMNS] if axis == 0 else group[ROWS]
         place, said = sites.starts.place[axis], more.starts[turn, axis]
+        # two overlapping windows of a power of two cover any `count` places of a site
         largest, width = largest_of(said, count, more.everywhere)
         for k in range(span[0], span[1]):
             more.of_starts[axis, k] = max(largest[place[k]], largest[place[k] + count - width])
     for site in range(kind[1], kind[2]):
         more.of_rows[site] = y[rank[site, 1]]
+        # columns and rows are bounded one by one, as if the best of each lay together
         more.bounds[site] = x[rank[site, 0]] + y[rank[site, 1]]
 
 

@@ -101,7 +101,9 @@ def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], dire
     """Matrices from the symbols that tapes show (`single_place.shown_by`), ordered by size, and the sizes (columns, rows)."""
     pad = LARGEST_CONTACT
     wide, high = (max(size[axis] for size in sizes) for axis in range(2))
+    # a word more, as 64 places from any column on are cut out of two words
     words = -(-(wide + pad) // _WORD) + 1
+    # `directions` itself stands for no part: a symbol that is none, and an index of the entry with ln E = 0
     padded = np.full((len(shown), high + 2 * pad, words * _WORD), directions, dtype=np.uint8)
     for tape, symbols in enumerate(shown):
         padded[tape, pad : pad + symbols.shape[0], pad : pad + symbols.shape[1]] = np.where(
@@ -110,6 +112,7 @@ def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], dire
     wrong = np.empty((len(shown), directions, words, high + 2 * pad), dtype=np.uint64)
     for symbol in range(directions):
         other = (padded != directions) & (padded != symbol)
+        # bit c % 64 of word c // 64 on any machine: packed to bytes from the lowest bit on, and read as little-endian words
         wrong[:, symbol] = np.packbits(other, axis=2, bitorder="little").view("<u8").swapaxes(1, 2)
     size_of = np.array([sizes.index((symbols.shape[1], symbols.shape[0])) for symbols in shown])
     bounds = [0, *(np.flatnonzero(np.diff(size_of)) + 1).tolist(), len(shown)]
@@ -134,6 +137,7 @@ def weigh_matrices(tables: Tables, matrices: Matrices, least: int, base: FloatAr
 def _frame(tables: Tables, matrices: Matrices) -> Frame:
     said, m = tables.evidence @ _signs(tables.evidence.shape[2] - 1), tables.dots.shape[1] - 1
     ranked = np.sort(said[0], axis=1)
+    # a wrong symbol costs a dot at least what its best is ahead of its second
     lost = ranked[:, -1] - ranked[:, -2]
     order = np.argsort(-lost, kind="stable")
     # indexing leaves other layouts for one dot than for several, and each would be compiled for
@@ -186,6 +190,7 @@ def _choose(lost: FloatArray, by_chance: FloatArray, floor: FloatArray) -> int:
         if least < _FEW_PLACES:
             break
     floor[0] = 0.0
+    # w wrong symbols lose at least the w smallest losses together
     for w in range(counted):
         floor[w + 1] = floor[w] + lost[counted - 1 - w]
     return counted
@@ -220,6 +225,7 @@ def _weigh(
     widest = 0
     for of in range(len(matrices.sizes)):
         widest = max(widest, matrices.sizes[of, 0] + frame.most.shape[1] - 1)
+    # no fewer than there are: turns, tapes, rows and columns of the largest
     places = np.log(4.0 * tapes * frame.counts.shape[1] * widest)
     bound = least_of(places, (0.0, 0.0), tally.sums) - _DEEPER
     if tally.sums[BEST] <= 0.0:
@@ -309,6 +315,7 @@ def _look(
         for j in range(down):
             left = frame.counts[_PLANES, j]
             while left != 0:
+                # two's complement: -x is ~x + 1
                 lowest = left & (~left + _ONE)  # the lowest bit that is set
                 left ^= lowest
                 x, y = word * _WORD + _index(lowest) - wide + 1, j - high + 1
@@ -334,10 +341,12 @@ def _count_wrong(frame: Frame, wrong: Words, turn: int, word: int, size: tuple[i
         one[j] = two[j] = four[j] = eight[j] = most[j] = 0
     counted, left, top = len(frame.floor) - 1, LARGEST_CONTACT - size[0] + 1, LARGEST_CONTACT - size[1] + 1
     for k in range(0, counted, 2):
+        # of an odd number the last dot has no partner: `both` blanks it
         last = min(k + 1, counted - 1)
         c1, r1, c2, r2 = frame.cells[turn, k, 0], frame.cells[turn, k, 1], frame.cells[turn, last, 0], frame.cells[turn, last, 1]
         low1, high1 = wrong[frame.fits[turn, k], word, top + r1 :], wrong[frame.fits[turn, k], word + 1, top + r1 :]
         low2, high2 = wrong[frame.fits[turn, last], word, top + r2 :], wrong[frame.fits[turn, last], word + 1, top + r2 :]
+        # a shift by 64 would be undefined: `left` + c is 1 or more, so that no shift up is
         down1, down2 = np.uint64(left + c1), np.uint64(left + c2)  # 1 to LARGEST_CONTACT
         up1, up2 = np.uint64(_WORD - left - c1), np.uint64(_WORD - left - c2)
         both = ~np.uint64(0) if k + 1 < counted else np.uint64(0)

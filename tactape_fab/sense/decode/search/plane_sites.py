@@ -102,6 +102,7 @@ def sites_of(
     phases = np.zeros((2, max(len(found) for found, _ in pairs)), dtype=np.int64)
     for axis, (found, _) in enumerate(pairs):
         phases[axis, : len(found)] = found
+    # the difference at the end of a piece of the plane leads into the next piece: no tape reaches over it
     everyone, step = sectors[:, 0] < 0, np.diff(phases, append=0) % length
     layout, bare = (np.zeros(len(size_of), dtype=np.int64), _NONE_BARE) if placed is None else _layouts(placed, table.max(axis=0))
     holed = np.zeros((len(bare), 2, max(table.max(), *bare.shape[1:]) + 1), dtype=np.int64)
@@ -109,6 +110,7 @@ def sites_of(
         lines = bare.any(axis=1 + axis)
         holed[:, axis, 1:] = np.cumsum(np.pad(lines, ((0, 0), (0, holed.shape[2] - 1 - lines.shape[1]))), axis=1)
     shut = np.bincount(np.empty(0, dtype=np.int64) if barred is None else barred[:, 0], minlength=len(size_of))
+    # a class is a run of sites that are alike in all that its loops ask: tapes come sorted so that runs are long
     alike = np.stack([np.asarray(size_of), everyone, layout > 0, shut])
     bounds = [0, *(np.flatnonzero((np.diff(alike.astype(np.int64)) != 0).any(axis=0)) + 1).tolist(), len(size_of)]
     classes = [
@@ -127,6 +129,7 @@ def sites_of(
     return Sites(
         signs=signs_of(code),
         phases=phases,
+        # step L + next step is the row of a table of all pairs of steps: L = 63 makes 3,968 at most, well within 16 bits
         steps=np.stack([step, step * length + np.roll(step, -1, axis=1)], axis=1).astype(np.uint16),
         differences=np.array([code.least_difference, min(code.greatest_difference, length - 1)], dtype=np.int64),
         table=np.stack([starts, origins % length, sectors], axis=1).astype(np.int64),
@@ -151,6 +154,7 @@ def _starts(starts: IntArray, bounds: list[int]) -> Starts:
     begin, spans = np.full((2, n + 1), n, dtype=np.int64), np.empty((len(bounds) - 1, 2, 2), dtype=np.int64)
     of_class = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
     for axis in range(2):
+        # lexsort's last key counts first: by class, then by start, and it is stable, so sites stay in ascending order
         members[axis] = np.lexsort([starts[:, axis], of_class])
         own = np.stack([of_class, starts[:, axis]])[:, members[axis]]
         first = np.flatnonzero(np.concatenate([[True], (np.diff(own) != 0).any(axis=0)]))
@@ -178,6 +182,7 @@ def _layouts(placed: Iterable[BoolArray], size: IntArray) -> tuple[IntArray, Boo
 def _phases(code: PlaneCode, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
     """Phases of all plane indices in some intervals, and where each interval starts among them."""
     order = np.argsort(firsts, kind="stable")
+    # the union of intervals: sorted by their beginnings, a piece ends where the next one begins beyond all ends so far
     low, high = firsts[order], np.maximum.accumulate((firsts + counts)[order])
     opens = np.concatenate([[True], low[1:] > high[:-1]])
     piece = np.cumsum(opens) - 1

@@ -188,6 +188,7 @@ def search(
     counts = count_places(groups, [family.registered.classes for family in families])
     near = None if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
     base = place_weights(counts, turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
+    # L = E times how likely the turn is by the shape of the dots: only in L, never in E (docs/trust.md)
     cue = np.log(turn_weights)
     negligible = NEGLIGIBLE
     for last in (False, True):
@@ -206,10 +207,12 @@ def search(
         total = sum(s[TOTAL] * exp(s[BEST] - best) for s in sums)
         bounded = sum(s[BOUNDED] * exp(s[BEST] - best) for s in sums)
         enough = _enough(precision, best)
+        # places that are only bounded make p_place too large: done if that is little, or if p_place is large in any case
         if last or bounded <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
         negligible = _strict(groups, enough)
     if near is not None:
+        # these places are in the total already, by their weight without the prior: only the difference is added
         without, raised = _raised(near, turn_weights, base)
         top = int(raised.argmax())
         if raised[top] > best:
@@ -257,6 +260,7 @@ def rivals(
     if not others:
         return _NO_RIVALS
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
+    # from this ln L on a rival would take the answer's lead: such a place is looked at, however little it weighs
     likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
     enough = _enough(precision, place.score + place.weight)
     strict = _strict(place.groups, enough)
@@ -267,9 +271,11 @@ def rivals(
             tally = new_tally(place.score + place.weight, negligible, likely)
             weigh_sites(t, sites, g, Weights(base, cue), tally)
             found = _strongest(found, tally, family, place, cue)
+            # the tally's sums are multiples of its own best, which a strong rival has raised; 600 keeps exp from overflowing
             bounded += float(tally.sums[BOUNDED]) * exp(min(tally.sums[BEST] - place.score - place.weight, 600.0))
         if bounded <= enough or found.weight - bounded > _PLENTY or negligible <= strict:
             return found
+        # bounds add up in proportion to the share: half of what is allowed is aimed at
         negligible = max(negligible - log(2.0 * bounded / enough), strict)
 
 
@@ -286,6 +292,8 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
     found = _NO_RIVALS
     for t, g, sites, family in others:
         tapes = (sites.classes[:, LAST] - sites.classes[:, FIRST]) * sites.classes[:, TAPES]
+        # here each place alone has to reach the score: a group's number of places is set so that times the fewest tapes of a
+        # class it is 1
         single = np.column_stack([g.limits[:, :2], np.full(len(g.limits), -log(tapes.min()))])
         tally = new_tally(least_score, negligible=-_ROUNDING)
         weigh_sites(t, sites, g._replace(limits=single), Weights(even, cue), tally)
@@ -388,6 +396,7 @@ def _near(
     for of, (family, t) in enumerate(zip(families, tables, strict=True)):
         for turn in range(4):
             theta_deg = degrees(float(np.arctan2(grid[1], grid[0]))) + 90.0 * turn
+            # the difference brought to -180 ... 180 degrees
             if abs((theta_deg - prior.theta_deg + 180.0) % 360.0 - 180.0) > prior.angle_deg:
                 continue
             centre = _turned_point(grid, centre_px, turn) - t.corner[turn]  # in cells from the dots' corner
@@ -395,6 +404,7 @@ def _near(
                 tape = tapes[index]
                 if prior.tape not in (None, tape.name):
                     continue
+                # where the dots' corner would have to lie for the image centre to be at the prior's place, in cells
                 at, reach = np.asarray(prior.position_mm) / tape.pitch_mm - centre, prior.radius_mm / tape.pitch_mm
                 cells, evidence = places_near(t, shown_by(tape), turn, at, reach, LEAST_DOTS)
                 inside = ((cells >= 0) & (cells <= np.array([tape.columns, tape.rows]) - t.size[turn])).all(axis=1)

@@ -43,6 +43,7 @@ class SequencePlane(CodePlane):
         found = []
         for turn in range(4):
             wide, high = (int(v) for v in tables.size[turn])
+            # shape (places, L): ln E of the x bits alone, for each column and x phase of the dots' corner; y alike for rows
             x = _along(tables.lines[turn, 0], high, wide, self.phases, length)
             y = _along(tables.lines[turn, 1], wide, high, self.phases, length)
             found.append((tables.cells[turn], x, y))

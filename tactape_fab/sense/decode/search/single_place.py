@@ -36,6 +36,7 @@ def places_near(
 ) -> tuple[IntArray, FloatArray]:
     """Columns and rows (n, 2) and ln E (n,) of the places on a tape within a reach (cells) of a point, with enough dots on it."""
     last = np.minimum(np.floor(at + reach), np.array(shown.shape[::-1]) - 1.0)
+    # down to where one line of dots is on the tape; empty, not reversed, where the region lies beyond it
     first = np.minimum(np.maximum(np.ceil(at - reach), 1.0 - tables.size[turn]), last + 1.0)
     columns, rows = (np.arange(int(first[axis]), int(last[axis]) + 1) for axis in range(2))
     places = np.stack([np.tile(columns, len(rows)), np.repeat(rows, len(columns))], axis=1)

@@ -125,6 +125,7 @@ class ManyBuffers(NamedTuple):
 @inner_kernel()
 def least_of(of: float, terms: tuple[float, float], sums: FloatArray) -> float:
     """The least ln E that may matter in a group of places; `drop` has the parameters."""
+    # a group is left out if all its places at the bound weigh less than the share, and no single one is as likely as `LIKELY`
     return float(min(sums[BEST] + sums[LEAST_SHARE] - of - terms[0], sums[LIKELY] - terms[1]))
 
 
@@ -175,6 +176,8 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
         own, other, most = 4 * axis, 4 * (1 - axis), NEVER  # fields of a group: columns, then rows
         phase, count = np.int64(0), length
         if not every:
+            # phase of a column at the group's first row: X[r, c] = M[r + u + ...] (docs/codes.md); one further on for each row,
+            # all L at most
             phase, count = (place[ORIGIN, 1 - axis] + group[other] + place[SECTOR, axis]) % length, min(length, group[other + 1])
         known_here = axis == 0 and len(known) > 0
         if count == 1 and not known_here:
@@ -203,6 +206,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
             )
             buffers.most[axis, k] = value
             most = max(most, value)
+        # what this axis can say at most in place of the limit that holds everywhere
         bound += most - limit[axis]
         if most == NEVER or drop(bound, places, candidate.of, terms, tally.sums):
             return
@@ -284,6 +288,7 @@ def count_at(
     """Add a place, or several that together weigh so many times the best of them."""
     score, likelihood = value + terms[0], value + terms[1]
     # weights are multiples of the best, so that none overflows: a new best rescales them
+    # with a floor from elsewhere `BEST` has a value and no place: the same place again may come out lower by rounding
     if score > tally.sums[BEST] or (tally.best_place[0] < 0 and score > tally.sums[BEST] - 1e-6):
         tally.sums[TOTAL] *= np.exp(tally.sums[BEST] - score)
         tally.sums[BOUNDED] *= np.exp(tally.sums[BEST] - score)
@@ -291,6 +296,7 @@ def count_at(
         for k in range(6):
             tally.best_place[k] = at[k]
     tally.sums[TOTAL] += weight * np.exp(score - tally.sums[BEST])
+    # the strongest by L need not be the best by weight: turns and places over an edge weigh differently
     if likelihood > tally.sums[STRONGEST]:
         tally.sums[NEXT_STRONGEST] = tally.sums[STRONGEST]
         tally.sums[STRONGEST] = likelihood
@@ -328,6 +334,7 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
                 continue
             x_sum, p_best = _sum_and_best(buffers.lines[0, i], buffers.most[0, i])
             y_sum, r_best = _sum_and_best(buffers.lines[1, j], buffers.most[1, j])
+            # x phase = row + u and y phase = column + v, modulo L: a pair of phases names the sector
             u, v = (p_best - row - j) % length, (r_best - column - i) % length
             total, out, among = x_sum * y_sum, 0.0, False  # the sum over all pairs of phases is a product
             for k in range(len(barred)):
@@ -341,6 +348,7 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
             if total > 0.0:
                 count_at(tally, most, total, terms, (at[0], at[1], group[X] + i, group[Y] + j, u, v))
     if shares > 0.0:
+        # each pair of a column and a row that was left out stands for L^2 sectors, all at its bound
         weight = length * length * shares * np.exp(x_most + y_most + terms[0] - tally.sums[BEST])
         count_bound(weight, left_out + terms[1], tally.sums)
 

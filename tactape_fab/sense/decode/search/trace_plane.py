@@ -44,13 +44,18 @@ class TracePlane(CodePlane):
             mean, x, y = tables.evidence[turn].T
             said[:] = 0.0
             for bit, evidence in enumerate((x, y)):
+                # a bit is b = parity(f & z), and says e (2 b - 1) = -e (-1)^parity(f & z): entry f of the transform's input
+                # gets -e. Several bits may have one function, so `subtract.at` and no indexed subtraction
                 np.subtract.at(said, self._functions[row, column, bit], evidence)
             transform(said)
             said[0] = -np.inf  # no place has the element 0
             tell(said, found[turn])
+            # the part of ln E that no bit changes; the sum of all E is in multiples of the best, and has it already
             found[turn, [0, 2]] += mean.sum()
         turn = int(found[:, 0].argmax())
         best, element = found[turn, 0], int(found[turn, 1])
+        # elements that are in no sector are counted among the others, which only makes `others` too large; if one is the best,
+        # there is no answer
         place = self._trace.place_of(element)
         if place is None:
             return None
@@ -76,6 +81,7 @@ class TracePlane(CodePlane):
 @kernel(fastmath=True)
 def transform(said: Floats) -> None:
     """Walsh-Hadamard transform in place: entry z becomes the sum of entries f, less those where f & z has odd parity."""
+    # levels up to the block's size stay within a block: one pass through memory does all of them
     block = min(_BLOCK, len(said))
     for start in range(0, len(said), block):
         _levels(said[start : start + block], 1)
