@@ -86,8 +86,10 @@ def accept_place(
     built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
     if built is not None:
         column, row = on.cells.T
+        # places as measured are fitted to, and `placed_mm` adds their variance to the dots'
         np.add(on.nominal_mm, built.shift_mm[row, column], out=on.nominal_mm)
         placed_mm = built.sigma_mm[row, column]
+    # before the decision: how many dots agree is a part of it
     pose = fit_pose(offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **said), other
@@ -119,6 +121,7 @@ def accept_place(
         pose, said["refine_reason"] = refined
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
     if built is not None:
+        # a drift moves the texture under all dots alike: it is in the position, not in the turn
         pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
     return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False
 
@@ -195,6 +198,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
         # a smaller precision takes longer: p_place only has to be known to a tenth of what is allowed
         chance = p_tape > _BY_CHANCE * limits.max_p_false
         found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa), beyond=chance)
+    # measured places speak for the answer against all places that were not measured, unregistered ones as well
     if place.credit > 0.0:
         found = replace(found, weight=found.weight * exp(-place.credit), lead=found.lead + place.credit)
     # it is named if it would be accepted itself, and the answer does not lead over it
@@ -247,6 +251,7 @@ def _described(
     position_mm = (float(pose.position_mm[0]), float(pose.position_mm[1]))
     theta_deg = degrees(pose.theta_rad)
     found = {
+        # `remainder` gives -180 for what is written as 180: the interval is (-180, 180]
         "theta_deg": 180.0 if theta_deg <= -180.0 else theta_deg,
         "px_per_mm": float(pose.px_per_mm),
         "covariance": pose.covariance,

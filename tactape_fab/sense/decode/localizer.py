@@ -157,6 +157,7 @@ class Localizer:
         if refine is None and method == "ml" and self.sensor.gel.blur_mm is not None:
             refine = "pixels"
         self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
+        # parts of the tape itself: as they are located, `_warm` calls what comes after the search as well
         cells = first.cells()[first.cells()[:, 0] < 8][:64]
         symbols = first.symbols[cells[:, 1], cells[:, 0]]
         self._warm(cells * first.pitch_mm + first.displacement_mm * DIRECTIONS_XY[symbols])
@@ -347,6 +348,7 @@ class Localizer:
         if self._method == "paper":
             from tactape_fab.sense.decode.paper import locate_paper_dots
 
+            # pixel centres 0 ... h - 1 are 0 ... aspect (h - 1) in square pixels: the centre is the same for both
             size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._square.aspect + 1)
             found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
             found = replace(found, places="nominal") if found.located else found
@@ -392,6 +394,7 @@ class Localizer:
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None, *, in_mm: bool = True) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)
+        # `wrong_profile` looks at the dots under other scales: it needs them as detected
         raw = dots
         small = (image is not None and self._square.straight) or len(dots.weights) == 0 or np.abs(dots.xy_px).max() <= LARGE
         if small:

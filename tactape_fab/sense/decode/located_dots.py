@@ -95,6 +95,7 @@ def _of_all(values: npt.NDArray[_Kind], inside: BoolArray, fill: float) -> npt.N
 
 def strain_of(pose: Pose, view: View) -> dict[str, tuple[float | None, float | None, None]]:
     """Fields `strain` and `strain_sigma` of an answer: aspect and shear where the frame says something of them."""
+    # a posterior nearly as wide as its prior repeats the profile: the frame has said nothing
     (aspect, shear, _), (aspect_sigma, shear_sigma, _) = pose.camera.tolist()
     _, known_aspect, known_shear, _ = view.beliefs.sigmas.tolist()
     a, s = aspect_sigma < OBSERVED * known_aspect, shear_sigma < OBSERVED * known_shear
@@ -109,6 +110,8 @@ def _columns(directions: int) -> IntArray:
     """Column of the grid's symbols that is a symbol value's of the texture, for each quarter turn; shape (4, directions)."""
     columns, around = np.empty((4, directions), dtype=np.int64), np.arange(directions)
     for turn in range(4):
+        # the texture's E is the grid's direction number `turn` in quarters (`evidence.turned`), the others follow clockwise in
+        # both
         columns[turn, DIRECTIONS[directions].clockwise] = (around + turn * directions // 4) % directions
     return columns
 
@@ -122,6 +125,8 @@ def _on_texture(offset_px: FloatArray, pose: Pose, view: View) -> FloatArray:
     lean = shear / (1.0 + 0.5 * aspect)
     # R(theta) times the inverse of [[1 + aspect / 2, shear], [0, 1 - aspect / 2]], transposed
     turn = np.array([[c / along, -s / along], [(s - c * lean) / down, (c + s * lean) / down]])
+    # `posterior._linearised` for all dots: the lens undone about the distortion's centre, its shift of the image centre put
+    # back
     from_centre = offset_px / view.px_per_mm - centre_mm
     lens = lens_of.py_func(k1, ((from_centre / corner_mm) ** 2).sum(axis=1))[0]
     middle = lens_of.py_func(k1, float(((centre_mm / corner_mm) ** 2).sum()))[0]

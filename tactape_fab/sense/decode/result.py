@@ -275,6 +275,8 @@ class Localization:
         if surface is None or state is None or state[1] is None:
             return None
         if frame != "object" and np.isinf(state[1][3, 3]):  # exactly, as there is nothing to carry over
+            # of x, y and the turn. Board: y has the other sign, and theta is the turn about z, which points out of the tape;
+            # texture: z points into it, and the turn is -theta
             signs = np.array([1.0, -1.0, 1.0] if frame == "board" else [1.0, 1.0, -1.0])
             out = np.diag([0.0, 0.0, inf, inf, inf, 0.0])
             out[np.ix_(_PLANAR, _PLANAR)] = state[1][:3, :3] * np.outer(signs, signs)
@@ -342,6 +344,7 @@ def surface_of(fix: Localization, frame: str, on: OnObject | None) -> Surface | 
         return texture_plane
     if fix.board_mm is None:
         return None
+    # board = origin + (x, -y): y up against y down, and z out of the tape against z into it
     x0, y0 = fix.board_mm[0] - fix.position_mm[0], fix.board_mm[1] + fix.position_mm[1]
     return lambda at_mm: (np.array([x0 + at_mm[0], y0 - at_mm[1], 0.0]), np.diag([1.0, -1.0, -1.0]))
 
@@ -364,6 +367,7 @@ def state_of(fix: Localization, origin: str = "tape") -> tuple[FloatArray, Float
         covariance[3:5, 3:5] = plane.covariance[1:, 1:]
     if ahead is not None and plane is not None:
         state[5], covariance[5, 5] = ahead[0], ahead[1] ** 2
+        # height and slopes are coefficients of one fitted plane, and correlate
         covariance[5, 3:5] = covariance[3:5, 5] = plane.covariance[0, 1:]
     if fix.covariance is None:
         return state, None

@@ -150,6 +150,7 @@ def share_of_others(others: float, p_tape: float) -> float:
     reading is wrong as a whole: its symbols are coins to every place then, whose E is 1 on the mean, the true one's as well. So a
     misread contact counts as one more place, of the weight `MISREAD_SHARE` and E = 1, which is p_tape of the answer's w E.
     """
+    # in multiples of the answer: MISREAD_SHARE 1 / (w E), and 1 / (w E) is p_tape
     others += MISREAD_SHARE * p_tape
     return others / (1.0 + others)
 
@@ -201,6 +202,7 @@ def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:
     """
     # a part is at most 1 high: however loud the noise, a dot of MOST_MIDDLE is as likely a part as a bump
     middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
+    # 30 in the exponent is 1e-13: beyond it nothing changes, and nothing overflows
     trust: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(np.maximum((middle - weights) / (NOISE_WIDTH * noise), -30.0), 30.0)))
     return trust
 

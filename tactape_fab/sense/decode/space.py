@@ -28,6 +28,7 @@ def image_pose(surface: Surface, state: FloatArray) -> FloatArray:
     x, y, theta, rise_u, rise_v, ahead_mm = state.tolist()
     point, axes = surface(np.array([x, y]))
     c, s = cos(theta), sin(theta)
+    # image to texture is R(theta) = [[c, s], [-s, c]] (paper, Eq. 12); the tilt is in the image's axes, so it comes first
     turn = axes @ np.array([(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)]) @ _upright(rise_u, rise_v)
     out = np.eye(4)
     out[:3, :3] = turn
@@ -56,11 +57,15 @@ def pose_covariance(surface: Surface, state: FloatArray, covariance: FloatArray)
     """
     unknown = ~np.isfinite(covariance.diagonal())
     here, rates = image_pose(surface, state), np.empty((6, 6))
+    # central differences: their error is of the order of step^2, 1e-12, and rounding 1e-16 / step, 1e-10 of a coordinate
     for k in range(6):
         ahead, behind = (image_pose(surface, state + side * _STEP * np.eye(6)[k]) for side in (0.5, -0.5))
+        # dR R^T is the cross-product matrix of the turn, in the axes that `surface` is given in; half the difference leaves its
+        # skew part
         spin = (ahead[:3, :3] - behind[:3, :3]) @ here[:3, :3].T / _STEP
         rates[:3, k] = (ahead[:3, 3] - behind[:3, 3]) / _STEP
         rates[3:, k] = (spin[2, 1] - spin[1, 2]) / 2, (spin[0, 2] - spin[2, 0]) / 2, (spin[1, 0] - spin[0, 1]) / 2
+    # infinity times a rate of 0 would be NaN: what is unknown is carried over by itself, to the outputs that it moves
     known = np.where(unknown[:, None] | unknown, 0.0, covariance)
     found: FloatArray = rates @ known @ rates.T
     found = (found + found.T) / 2

@@ -51,6 +51,7 @@ def compiled() -> bool:
     folder = cache_folder()
     if folder is None or not any(folder.glob("*.turned-*")):
         return False
+    # numba looks into its cache when a kernel is called: on no dots nothing is computed, and a miss is counted
     turned(np.empty((0, 2), dtype=np.int64), np.empty((0, 4)), 0, np.empty((0, 2), dtype=np.int64), np.empty((0, 3)))
     return not any(turned.stats.cache_misses.values())
 

@@ -61,6 +61,7 @@ def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots]
     negated: Detects the dots of the negated frame; None where there are only dots.
     Returns: None where the dots show nothing of the kind.
     """
+    # mirrored first: it needs neither another pitch nor another detection of dots
     behind = _decoded(seen, seen.view, _flipped(seen, dots), seen.limits.on_tape)
     if behind is not None:
         remedy = f"set mirror = {_flag(not seen.sensor.mirror)} in the sensor profile"
@@ -147,6 +148,7 @@ def _decoded(seen: Seen, view: View, dots: Dots, bound: float) -> Localization |
 
 
 def _flipped(seen: Seen, dots: Dots) -> Dots:
+    # u -> 2 u0 - u about the image centre
     flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * seen.view.centre_px[0], 0.0)
     return replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation))
 
@@ -157,6 +159,7 @@ def _pitch(seen: Seen, raw: Dots) -> float | None:
     if np.count_nonzero(good) < SOLID_DOTS:
         return None
     xy, strength = _centred(raw)
+    # as a middle and a share of it on both sides, which is how `find_lattices` takes a range of pitches
     middle, half = (MOST_PITCH + LEAST_PITCH) / 2, (MOST_PITCH - LEAST_PITCH) / (MOST_PITCH + LEAST_PITCH)
     lattices = find_lattices(xy, strength, seen.view.pitch_px * middle, half, MOST_GRIDS)
     # half the dots keep cos(2 pi delta / w) of their wave along an axis, the others all of it
@@ -185,6 +188,7 @@ def _nearest(xy: FloatArray) -> float:
 
 def _powers(xy: FloatArray, strength: FloatArray, angle: float, pitch: float) -> tuple[float, float]:
     """Power of dots at each axis of a grid, as a share of a perfect grid's."""
+    # columns are the wave vectors of both axes; a perfect grid's sum has the weights' sum for its length
     waves = np.array([[cos(angle), -sin(angle)], [sin(angle), cos(angle)]]) / pitch
     sums = strength @ np.exp(2j * pi * (xy @ waves)) / strength.sum()
     first, second = (np.abs(sums) ** 2).tolist()

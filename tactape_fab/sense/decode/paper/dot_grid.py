@@ -33,6 +33,8 @@ def spacing_misfit(distance_px: FloatArray, w_px: float, delta_px: float) -> Flo
     Reading: n runs over -2 ... 2. The paper lists 0, 1, 2 for a distance without a sign; a baseline through dots that
     are displaced to one side has lines at ``m w - 2 delta`` on the other.
     """
+    # Eq. 4 with m the nearest whole number: what is left is from -w / 2 to w / 2, and n delta with |n| <= 2 is within it for
+    # delta = w / 6
     rest = distance_px - w_px * np.rint(distance_px / w_px)
     return np.abs(rest - delta_px * np.clip(np.rint(rest / delta_px), -2, 2))
 
@@ -53,12 +55,14 @@ def find_baseline(xy_px: FloatArray, anchor: int, w_px: float, delta_px: float) 
     other = offset[length > w_px / 2]
     if len(other) == 0:
         return None
+    # (u, v) -> (-v, u) / length: the unit normal of the line through both dots
     normal = other[:, ::-1] * (-1.0, 1.0) / np.hypot(other[:, 0], other[:, 1])[:, None]
     misfit = spacing_misfit(np.abs(normal @ offset.T), w_px, delta_px)  # (pairs, n)
     fitting = (misfit <= TOLERANCE * delta_px).mean(axis=1) >= LEAST_FITTING
     if not fitting.any():
         return None
     best = int(np.where(fitting, (misfit**2).mean(axis=1), np.inf).argmin())
+    # theta_slope modulo 90 degrees, the rest is theta_A (Eq. 5)
     slope = atan2(other[best, 1], other[best, 0])
     return slope - pi / 2 * round(slope / (pi / 2))
 
@@ -82,6 +86,7 @@ def distinct_values(coordinate_px: FloatArray, delta_px: float) -> Values:
     order = np.argsort(coordinate_px, kind="stable")
     ranked = coordinate_px[order]
     group = np.empty(len(order), dtype=np.int64)
+    # a gap begins the next group: a chain of near values stays one, however long it gets
     group[order] = np.concatenate(([0], np.cumsum(np.diff(ranked) > DUPLICATE * delta_px)))
     count = np.bincount(group).astype(np.int64)
     return Values(value=np.bincount(group, weights=coordinate_px) / count, count=count, group=group)
@@ -98,6 +103,7 @@ def equidistant(values: Values, near_px: float, delta_px: float) -> int | None:
     Reading: of several, the one nearest `near_px` (the contact dot), where dots are best and the symbols are read.
     """
     fits = _is_delta(np.diff(values.value), delta_px)
+    # gap k is from value k to k + 1: of gaps k and k + 1 that are both a delta the value between is k + 1
     centre = np.intersect1d(fits, fits - 1) + 1
     return int(centre[np.abs(values.value[centre] - near_px).argmin()]) if len(centre) else None
 
@@ -130,6 +136,7 @@ def most_probable(values: Values, delta_px: float) -> float | None:
     this = np.concatenate((lower, lower + 1))
     that = np.concatenate((lower + 1, lower))
     share = values.count[this] / (values.count[this] + values.count[that])
+    # lexsort's last key counts first: by P, then by the count, then by the order of the values
     return float(values.value[this[np.lexsort((-values.count[this], -share))[0]]])
 
 

@@ -115,6 +115,7 @@ def locate_paper(
         scale = REFERENCE_PX_PER_MM if px_per_mm is None else px_per_mm
         dots = detect_dots(array, scale, body_mm2)
         if px_per_mm is None:
+            # dots are looked for a second time: mean filter and least area follow from the scale
             scale = _scale(dots, tape) or scale
             dots = detect_dots(array, scale, body_mm2)
         size = (array.shape[1], array.shape[0]) if array.ndim == 2 else (1, 1)
@@ -204,6 +205,7 @@ def _locate(
     slope = find_baseline(dots, contact, w_px, delta_px)
     if slope is None:
         return _lost(trace, "baseline", tape, scale)
+    # about the contact dot, so that turning rounds near 0 and the contact dot is the origin
     upright = turned(dots - dots[contact], slope)
     grid = find_grid(upright, contact, delta_px)
     trace = replace(trace, slope_rad=slope)
@@ -237,6 +239,7 @@ def _answer(
     assert trace.contact_dot is not None and trace.slope_rad is not None and trace.symbols is not None
     code = get_plane(tapes[0].code)
     theta_rad = trace.slope_rad + chosen.quarter_turns * pi / 2  # Eq. 5
+    # to (-pi, pi]
     theta_rad -= 2 * pi * np.ceil((theta_rad - pi) / (2 * pi))
     fix = Localization(
         status=status_of(len(trace.dots_px)),

@@ -38,7 +38,9 @@ def high_pass(depth: FloatArray, filter_px: int) -> FloatArray:
     level = np.clip(depth, -1e30, 1e30)
     mean = level.mean(where=known)
     level = np.where(known, level - mean, 0.0)
+    # heights over their span, so that any unit stays within single precision
     span = np.abs(level).max()
+    # what is left is the rounding of the mean: the frame is flat
     if span <= 1e-12 * abs(mean):
         return np.zeros(depth.shape, dtype=np.float32)
     level = (level / span).astype(np.float32)
@@ -64,6 +66,7 @@ def detect_dots(depth: FloatArray, px_per_mm: float, body_mm2: float) -> FloatAr
     pattern = high_pass(depth, round(MEAN_FILTER_MM * px_per_mm) | 1)
     contours, _ = cv2.findContours((pattern > THRESHOLD).view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     moments = [cv2.moments(contour) for contour in contours]
+    # half a pixel at least: contours of single pixels and lines have the area 0, and no centre
     least_px2 = max(LEAST_AREA * body_mm2 * px_per_mm**2, 0.5)
     centres = [(m["m10"] / m["m00"], m["m01"] / m["m00"]) for m in moments if m["m00"] >= least_px2]
     return np.array(centres, dtype=np.float64).reshape(-1, 2)
@@ -101,5 +104,6 @@ def estimate_scale(xy_px: FloatArray, pitch_mm: float, displacement_mm: float) -
     mean, sigma = nearest.mean(), nearest.std()
     if mean < _LEAST_DISTANCE_PX:
         return None
+    # Eq. 15; of equal distances sigma is rounding, and none of them may fall outside by it
     d_b = float(nearest[np.abs(nearest - mean) <= 2 * sigma + 1e-9 * mean].mean())
     return d_b / hypot(displacement_mm, pitch_mm - displacement_mm)

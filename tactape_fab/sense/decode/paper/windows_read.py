@@ -40,6 +40,7 @@ def quarter_turned(symbols: IntArray, turns: int) -> IntArray:
     """A patch turned counter-clockwise: places turn, and so do directions; -1 stays -1."""
     patch = np.rot90(symbols, turns)
     for _ in range(turns % 4):
+        # an index of -1 reads the last symbol, which the condition then leaves out
         patch = np.where(patch >= 0, _TURNED_SYMBOL[patch], -1)
     return patch
 
@@ -57,9 +58,11 @@ def read_windows(code: Plane, symbols: IntArray) -> tuple[Reading, ...]:
     for turns in range(4):
         patch = quarter_turned(symbols, turns)
         contact.append(int(patch[middle, middle]))
+        # missing symbols are read as N, the symbol 0, and windows with one are left out by `whole`
         places = locate_windows(code, np.maximum(patch, 0).astype(np.uint8))
         whole = (np.lib.stride_tricks.sliding_window_view(patch, (n, n)) >= 0).all(axis=(2, 3))
         first = np.indices(places.valid.shape)
+        # from a window's first column and row to the contact dot's, which is in the middle of the patch
         column, row = places.column + middle - first[1], places.row + middle - first[0]
         # the code plane ends where its sequences start again
         valid = places.valid & whole & (column >= 0) & (row >= 0) & (column < code.range) & (row < code.range)
@@ -146,6 +149,7 @@ def agreeing(code: Plane, reading: Reading, symbols: IntArray) -> int:
     side = len(symbols)
     patch = quarter_turned(symbols, reading.quarter_turns)
     start = [at - side // 2 for at in reading.index]
+    # a patch may reach over the plane's edge: only what is in the plane is compared
     low = [max(at, 0) for at in start]
     high = [min(at + side, code.range) for at in start]
     expected = encode(code, reading.sector, (low[0], low[1]), (high[1] - low[1], high[0] - low[0]))
