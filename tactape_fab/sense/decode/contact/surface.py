@@ -90,6 +90,7 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
         centre_px=sensor.centre_px,
         bent=None if straight else sensor.camera,
         last_px=np.array([sensor.width_px - 1.0, sensor.height_px - 1.0]),
+        # a cap of radius R falls as x / R at x from its top: a tape of slope s touches it s R from the centre
         off_mm=None if crown_mm is None else (LEAST_OFF * LEAST_SLOPE * crown_mm[0], LEAST_OFF * LEAST_SLOPE * crown_mm[1]),
         margin=margin,
         factor=factor,

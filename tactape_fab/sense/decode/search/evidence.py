@@ -79,6 +79,7 @@ def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence:
         e, s, w, m = q[i, turn % 4], q[i, (turn + 1) % 4], q[i, (turn + 2) % 4], q[i, (turn + 3) % 4]
         # ln 2 q(b) for b = 1, 0: a bit's evidence is their mean, and half their difference with the bit's sign
         x1, x0 = np.log(2.0 * (w + s)), np.log(2.0 * (e + m))
+        # `WRONG_SHARE` keeps every q above 0, so that no logarithm is infinite
         y1, y0 = np.log(2.0 * (e + s)), np.log(2.0 * (m + w))
         evidence[i, 0] = 0.5 * (x0 + x1 + y0 + y1)
         evidence[i, 1] = 0.5 * (x1 - x0)

@@ -238,6 +238,7 @@ def _bound_over(
     group, limit = of
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
+    # the other axis says its limit at most, so this one has to say `least` less that
     count, rest, way = tables.size[turn, axis], limit[1 - axis], np.int64(0)
     lines, span, starts = (group[own + 2], group[own + 3]), sites.starts.spans[kind, axis], sites.starts.place[axis]
     slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count, lines, way)
@@ -247,6 +248,8 @@ def _bound_over(
     else:
         bound_starts(everywhere, more.known, slot, sites.steps[axis], lines, way)
         for k in range(span[0], span[1]):
+            # `bound_starts` counts from the first line that is on the tape: lines[0] beyond the place of line 0, which may be
+            # before the edge
             out[k] = everywhere[starts[k] + group[own] + lines[0]]
     return axis, float(rest)
 
@@ -290,6 +293,7 @@ def _first_guess(
 ) -> float:
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
     base, bounds, nothing, guess = weights.place, more.bounds, more.starts[0, 0, :0], more.guess
+    # only the weight is taken over, as a floor: places are counted by the search itself, so a poor guess costs time alone
     guess.best_place[0] = -1
     for k in range(LEAST_SHARE + 1):  # nothing is negligible here
         guess.sums[k] = NEVER

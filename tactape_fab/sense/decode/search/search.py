@@ -212,7 +212,7 @@ def search(
             break
         negligible = _strict(groups, enough)
     if near is not None:
-        # these places are in the total already, by their weight without the prior: only the difference is added
+        # these places are in the total already, by their part of what all places weigh: only what the prior adds to it is added
         without, raised = _raised(near, turn_weights, base)
         top = int(raised.argmax())
         if raised[top] > best:
