@@ -44,6 +44,7 @@ def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Pa
     """Turn a part's outlines by `rotation_deg` counter-clockwise and add the fab's coverlay opening."""
 
     def box(size_mm: tuple[float, float], wider_mm: float = 0.0) -> FloatArray:
+        # each outline is rotated and snapped once: every copy of it then differs by whole nanometres alone, as the files say it
         return placed_outline((size_mm[0] + wider_mm, size_mm[1] + wider_mm), 0.0, rotation_deg)
 
     def land(pattern: LandPattern) -> FloatArray:
@@ -76,6 +77,7 @@ def spur_tips(opening_size: tuple[float, float], fab: FabProfile, rotation_deg: 
     """Centres of the round ends of a part's two spurs about the part's centre, mm; shape (2, 2). The spurs extend under the
     coverlay by the profile's overlap.
     """
+    # the centre of the round end: half a web before the end of the copper, which is the overlap behind the opening's edge
     tip_mm = opening_size[0] / 2 + fab.anchor.overlap_mm - fab.anchor.web_mm / 2
     return snap_mm(rotate([(-tip_mm, 0.0), (tip_mm, 0.0)], rotation_deg))
 
@@ -85,6 +87,7 @@ def copper_outline(outlines: PartOutlines, fab: FabProfile, rotation_deg: float,
     if not anchored:
         return outlines.pads
     angle = np.arange(_END_POINTS) * (2 * pi / _END_POINTS)
+    # corners on a circle of r / cos(pi / n) put the polygon's sides on the circle of r: it holds the round end wholly
     round_end = fab.anchor.web_mm / 2 / cos(pi / _END_POINTS) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     tips = spur_tips(outlines.opening_size_mm, fab, rotation_deg)
     return np.concatenate([outlines.pads, (tips[:, None] + round_end).reshape(-1, 2)])

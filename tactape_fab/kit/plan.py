@@ -103,6 +103,7 @@ def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: f
 
 def field_margins_mm(claim: Claim, displacement_mm: float) -> tuple[float, float]:
     """Least distance of a grid point from the outline along x and y, mm, its part displaced outward: the largest of all rules."""
+    # a margin along an axis is the reach of an outline in that axis: at a straight side nothing else of it can come nearer
     x, y = (max(reach_mm(outline)[axis] + limit for outline, limit in claim.edge) for axis in (0, 1))
     return x + displacement_mm, y + displacement_mm
 
@@ -121,9 +122,13 @@ def _grid(size_mm: tuple[float, float], spec: TapeSpec, claim: Claim) -> _Grid:
     margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     clear_of_strip_mm = strip_width_mm(spec) + reach_mm(claim.widest)[0] + spec.displacement_mm
     first_x_mm = max(margin_x_mm, clear_of_strip_mm if spec.tag == "strip" else 0.0)
+    # the slack keeps a first column that is a multiple of the step by
+    # its decimals from being moved a step on by its binary fraction
     x0_mm = ceil(first_x_mm / ORIGIN_STEP_MM - _STEP_SLACK) * ORIGIN_STEP_MM
+    # n points take (n - 1) pitches between two margins; twice the tolerance, as each margin may be short by one
     rows = floor((height_mm - 2 * margin_y_mm + 2 * TOLERANCE_MM) / spec.pitch_mm) + 1
     return _Grid(
+        # row 0 is the uppermost: the rows lie half above and half below the middle
         texture_origin_mm=(float(snap_mm(x0_mm)), float(snap_mm((height_mm + (rows - 1) * spec.pitch_mm) / 2))),
         columns=floor((width_mm - margin_x_mm - x0_mm + TOLERANCE_MM) / spec.pitch_mm) + 1,
         rows=rows,
@@ -183,6 +188,7 @@ def _symbols(
     """The code's symbols for a grid; designed ones are kept different from those of existing tapes."""
     shape = (grid.rows, grid.columns)
     if avoid is None and get_code(spec.code).plane is None:
+        # seed 0: the refused tape's findings are the same each time
         return np.random.default_rng(0).integers(spec.directions, size=shape, dtype=np.uint8)
     others = [tape.symbols for tape in avoid or ()]
     long = part is not None and part.open_turns_deg == (0, 180)
@@ -236,6 +242,7 @@ def _has_window(free: BoolArray, code: Code) -> bool:
     """Whether the placed parts contain at least one whole window."""
     if min(free.shape) < code.window:
         return False
+    # whether some k x k block of the mask is all placed
     return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
 
 
@@ -274,10 +281,13 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
     margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     field_mm = (code.window - 1) * spec.pitch_mm
     x0_mm = _grid(spec.size_mm, spec, claim).texture_origin_mm[0]
+    # in tenths of a millimetre, as the remedy is typed; y holds the strip as well
     tenths = np.ceil(
         np.array([x0_mm + field_mm + margin_x_mm, max(2 * margin_y_mm + field_mm, _strip_height_mm(spec))]) * 10 - _STEP_SLACK
     )
     cut = _cuts_tag(spec, (LONGEST_MM, LONGEST_MM), claim)  # whatever the size: another problem
+    # the sides without corners are a lower bound; rounded corners may
+    # take parts of the window, and the board grows until none is missing
     while True:
         size_mm = (float(tenths[0]) / 10, float(tenths[1]) / 10)
         grid = _grid(size_mm, spec, claim)
@@ -287,6 +297,7 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
             corner_radius_mm=spec.corner_radius_mm,
             thickness_mm=1.0,
         )
+        # a grid at the end of the code's plane would have no symbols: the size does not depend on where it lies
         origin = (min(spec.place[0], code.range - grid.columns), min(spec.place[1], code.range - grid.rows))
         symbols = _symbols(spec, origin, grid, None, ())
         whole = min(size_mm) >= 2 * spec.corner_radius_mm and (cut or not _cuts_tag(spec, size_mm, claim))
@@ -359,6 +370,8 @@ def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray)
     texture_mm = np.stack([column, row], axis=-1) * spec.pitch_mm + spec.displacement_mm * DIRECTIONS_XY[symbols]
     centre_mm = texture_to_board(texture_mm, board.texture_origin_mm)
     free = np.ones((rows, columns), dtype=bool)
+    # A vertex meets a rounded corner only if both its coordinates are within the radius of the sides, so its part's centre is
+    # within radius and reach of both; every other part has straight sides beside it, for which the margins were chosen
     corner_zone_mm = board.corner_radius_mm + claim.furthest_mm
     beyond = np.abs(centre_mm - np.array(board.size_mm) / 2) - (np.array(board.size_mm) / 2 - corner_zone_mm)
     near = np.argwhere((beyond > 0.0).all(axis=-1))
@@ -368,10 +381,13 @@ def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray)
         vertices = centre_mm[near[:, 0], near[:, 1], None] + outline
         inside = inset_mm(vertices, board.size_mm, board.corner_radius_mm).min(axis=-1)
         free[near[:, 0], near[:, 1]] &= inside >= limit_mm - TOLERANCE_MM
+    # distances along the axes are a lower bound of the true ones; the
+    # spare millimetre holds spurs, which may end outside the opening
     widest_mm = max(reach_mm(claim.widest)) + max(limit for _, limit in claim.hole) + 1.0
     for x_mm, y_mm, diameter_mm in board.holes:
         near = np.argwhere(np.abs(centre_mm - (x_mm, y_mm)).max(axis=-1) < diameter_mm / 2 + widest_mm)
         for outline, limit_mm in claim.hole:
+            # the hole in the frame of each part: one outline, many points
             gap = _distance_mm(outline, np.array([x_mm, y_mm]) - centre_mm[near[:, 0], near[:, 1]]) - diameter_mm / 2
             free[near[:, 0], near[:, 1]] &= gap >= limit_mm - TOLERANCE_MM
     return free

@@ -70,6 +70,7 @@ def anchor_plan(mode: str, fab: FabProfile, outlines: PartOutlines) -> AnchorPla
 
 def clearance_mm(fab: FabProfile) -> float:
     """Clearance of a line from other pads' openings; it also keeps the copper gap to the pads inside them."""
+    # an opening lies one expansion outside its pad: a line c away from the opening is c + expansion away from the copper
     return max(fab.anchor.opening_mm, fab.limits["pad-pad"].value_mm - fab.coverlay_expansion_mm)
 
 
@@ -82,6 +83,7 @@ def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
     """
     rotation_deg = tape.part.rotation_deg
     axis = rotate((1.0, 0.0), rotation_deg)
+    # land 1 lies at -axis and land 2 at +axis, as in `part_outlines`; shapes (n, 2, 2): part, land, xy
     ends = np.array([-1.0, 1.0])
     centres = tape.part_xy_mm()
     start = centres[:, None] + ends[:, None] * pads.offset_mm * axis
@@ -89,6 +91,8 @@ def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
     webs = np.empty((0, 2, 2))
     if plan.mode == "mesh":
         webs, tied, tie_mm = _mesh(plan, tape)
+        # the tie is a line across the axis at tie_mm: a displaced part reaches it along its own axis, off the tie's middle by Δ
+        # sin 45 deg (with eight directions Δ) at most, and the tie reaches W/sqrt(8) to each side
         on = tie_mm - (centres @ axis)[:, None]
         tip = np.where(tied[..., None], centres[:, None] + on[..., None] * axis, tip)
     spurs = np.stack([start, tip], axis=2).reshape(-1, 2, 2)
@@ -99,24 +103,34 @@ def _mesh(plan: AnchorPlan, tape: Tape) -> tuple[FloatArray, np.ndarray, FloatAr
     """Webs (m, 2, 2) in the board frame; whether each pad's tie exists; its distance along the part. Shapes (n, 2)."""
     rotation_deg, half_mm = tape.part.rotation_deg, tape.pitch_mm / sqrt(2)
     origin = np.array(tape.board.texture_origin_mm)
+    # Along and across the parts, which lie at 45 degrees, the grid point (c, r) is at W/sqrt(2) (c - r) and W/sqrt(2) (c + r), up
+    # to signs. In units of (W/sqrt(2), W/sqrt(8)) it is a pair (i, j) of whole numbers, j even, with neighbours in one diagonal 2
+    # apart in i. Odd j are the lines half way between two diagonals; i +- 1 is half way to the part that is faced. rint removes
+    # the rounding of the rotation alone
     points = texture_to_board(tape.cells() * tape.pitch_mm, (0.0, 0.0))
     i, j = np.rint(rotate(points, -rotation_deg) / (half_mm, half_mm / 2)).astype(np.int64).T
     sides = [(i + a, j + b, i + a + 1, j + b) for a in (-1, 0) for b in (-1, 1)]
     ties = [(i + a, j - 1, i + a, j + 1) for a in (-1, 1)]
+    # rows (i, j, i, j): both ends of each web; first the ties at i - 1 of all parts, then those at i + 1, then the sides
     of_parts: IntArray = np.concatenate([np.column_stack(edge) for edge in [*ties, *sides]])
+    # a web between two cells comes from both of them, and is drawn once; `which` leads from each row back to its web
     edges, which = np.unique(of_parts, axis=0, return_inverse=True)
     lattice = edges.reshape(-1, 2, 2) * (half_mm, half_mm / 2)
     webs = rotate(lattice, rotation_deg) + origin
     kept = _clear_of_outline_and_holes(plan, tape, webs)
+    # the first 2 n rows are the ties; (2, n) becomes (n, 2), one column for each land
     tied = kept[which.ravel()[: 2 * len(i)]].reshape(2, -1).T
+    # the lattice was counted from grid point (0, 0): its own place along the axis is added
     along = float(origin @ rotate((1.0, 0.0), rotation_deg))
     return webs[kept], tied, np.column_stack([i - 1, i + 1]) * half_mm + along
 
 
 def _clear_of_outline_and_holes(plan: AnchorPlan, tape: Tape, webs_mm: FloatArray) -> np.ndarray:
     board = tape.board
+    # the outline is convex: a segment is nearest to it at one of its ends
     inside = inset_mm(webs_mm, board.size_mm, board.corner_radius_mm).min(axis=1) - plan.web_mm / 2
     kept = inside >= plan.pad_edge_mm - TOLERANCE_MM
+    # of a hole the nearest place may be anywhere on the line
     lines = shapely.linestrings(webs_mm)
     for x, y, diameter in board.holes:
         gap = shapely.distance(lines, shapely.Point(x, y)) - (diameter + plan.web_mm) / 2
@@ -133,6 +147,7 @@ def foreign_openings_mm(anchors: Anchors, parts_xy_mm: FloatArray, opening_mm: F
 def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, FloatArray]:
     """`foreign_openings_mm` of openings that are given as polygons, in designator order."""
     lines = shapely.linestrings(anchors.lines_mm)
+    # spurs come in pairs, one pair for each part; a web is nobody's, so that it is measured against every opening
     owner = np.concatenate([np.arange(len(anchors.spurs_mm)) // 2, np.full(len(anchors.webs_mm), -1)])
     gap_mm, line = _least_gap(lines, openings, lambda line, box: owner[line] != box, anchors.web_mm / 2)
     return gap_mm, np.zeros(2) if line is None else anchors.lines_mm[line].mean(axis=0)
@@ -153,6 +168,7 @@ def _least_gap(
     counts: Mask of the pairs that are looked at, by the indices of line and other.
     """
     tree = shapely.STRtree(others)
+    # dwithin finds all pairs within the radius: as soon as one counts, the least of them is the least of all
     for reach in _REACHES_MM:  # the first one nearly always contains the least distance
         line, other = tree.query(lines, predicate="dwithin", distance=reach)
         kept = counts(line, other)
@@ -181,19 +197,28 @@ def anchor_pitch_mm(
     ``copper_mm`` is the gap between spurs of two parts, by default the fab's limit.
     """
     rotation_deg, displacement_mm = placing.rotation_deg, placing.displacement_mm
+    # a, b: length and width of an opening; clear: from its edge to the middle of a line
     rules, (a, b) = fab.anchor, outlines.opening_size_mm
     clear = clearance_mm(fab) + rules.web_mm / 2
     if name == "mesh":
         if rotation_deg % 90.0 != 45.0:
             return None
+        # A side runs W/sqrt(8) beside the parts' axes, a tie W/sqrt(2) before their middles. A part displaced by s across or
+        # along takes b/2 + s, or a/2 + s, of that: W >= sqrt(8) (clear + b/2 + s), W >= sqrt(2) (clear + a/2 + s), where sqrt(2)
+        # s is Δ (|x| + |y|) of the unit displacement: the component along a diagonal of the grid, times sqrt(2)
         sideways_mm = displacement_mm * DIRECTIONS[placing.directions].reach_diagonal
         return max(sqrt(2) * (2 * clear + b) + 2 * sideways_mm, sqrt(2) * (clear + a / 2) + sideways_mm)
     plan = anchor_plan("spur", fab, outlines)
+    # a spur as a segment along the part: its half length, and the distance of its middle from the part's
     half, middle = (plan.tip_mm - pads.offset_mm) / 2, (plan.tip_mm + pads.offset_mm) / 2
     apart = (fab.limits["pad-pad"].value_mm if copper_mm is None else copper_mm) + rules.web_mm
     of_symbols = partial(least_pitch_mm, directions=placing.directions)
+    # Forbidden shifts of a neighbour are the Minkowski sum of the two shapes: of opening and segment a box of half sides a/2 +
+    # half and b/2 about the spur's middle, of two segments a segment of twice their half length. Neighbours and pairs of symbols
+    # come with both signs, so that the other spur of the part needs no box of its own
     return max(
         of_symbols((half + a / 2, b / 2), clear, rotation_deg, displacement_mm, (middle, 0.0)),
+        # spurs at opposite ends (the middles 2 middle apart), then at equal ends of two parts
         of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm, (2 * middle, 0.0)),
         of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm),
     )

@@ -46,8 +46,10 @@ class Mode:
 def _neighbour_shifts(directions: int) -> tuple[FloatArray, FloatArray]:
     """Grid steps of all neighbours, and differences of displacement, by pairs; shapes (m, 2), board frame, unit lengths."""
     span = np.arange(-_REACH, _REACH + 1)
+    # both signs of each step: the shift of b from a and of a from b, since a box off the centre is not symmetric
     steps = np.array([(c, r) for c in span for r in span if c or r], dtype=np.float64)
     differences = (DIRECTIONS_XY[:directions, None] - DIRECTIONS_XY[:directions]).reshape(-1, 2)
+    # of 16 pairs of four symbols 9 differences are distinct: the others would only repeat the same lines
     apart = np.array(sorted(set(map(tuple, differences.tolist()))))
     found = (
         texture_to_board(np.repeat(steps, len(apart), axis=0), (0.0, 0.0)),
@@ -63,6 +65,8 @@ def worst_box_gap_mm(
 ) -> float:
     """Least gap between equal turned boxes on neighbouring grid points over all pairs of symbols; negative in an overlap."""
     steps, apart = _neighbour_shifts(directions)
+    # signed distance of a shift from the difference of two equal boxes, a box of half sides `size`: in the box's own axes |x| -
+    # length and |y| - width; outside it is the length of their positive parts, inside the larger of the two
     beyond = np.abs(rotate(steps * pitch_mm + apart * displacement_mm, -rotation_deg)) - size_mm
     outside = np.hypot(*np.maximum(beyond, 0.0).T)
     return float((outside + np.minimum(beyond.max(axis=1), 0.0)).min())
@@ -86,9 +90,13 @@ def least_pitch_mm(
     directions: Of the symbols.
     """
     steps, apart = _neighbour_shifts(directions)
+    # A neighbour's shift is e + t d at pitch t: d the grid step along and across the part, e the difference of displacements, in
+    # mm, counted from the box's centre. The box is convex, so the line leaves it once: the largest t on its boundary is the least
+    # pitch from which on this shift is legal, and the largest of all lines that of the tape
     d = rotate(steps, -rotation_deg)
     e = rotate(apart * displacement_mm, -rotation_deg) - centre_mm
     a, b = half_mm
+    # a step along a side has d = 0 there and never meets that side (inf, or NaN on it); a line past a corner has a negative root
     with np.errstate(divide="ignore", invalid="ignore"):
         exits = _through_sides(d, e, a, b, radius_mm), _through_sides(d[:, ::-1], e[:, ::-1], b, a, radius_mm)
         return max(0.0, *exits, _through_corners(d, e, half_mm, radius_mm))
@@ -96,6 +104,7 @@ def least_pitch_mm(
 
 def _through_sides(d: FloatArray, e: FloatArray, a: float, b: float, radius_mm: float) -> float:
     """Largest pitch t at which a line e + t d meets one of the straight sides at +-(a + radius); -inf if none does."""
+    # both sides for all lines; shape (2, m)
     t = (np.array([a + radius_mm, -a - radius_mm])[:, None] - e[:, 0]) / d[:, 0]
     met = np.isfinite(t) & (np.abs(e[:, 1] + t * d[:, 1]) <= b + 1e-12)
     return float(np.max(t, where=met, initial=-np.inf))
@@ -103,23 +112,29 @@ def _through_sides(d: FloatArray, e: FloatArray, a: float, b: float, radius_mm: 
 
 def _through_corners(d: FloatArray, e: FloatArray, half_mm: tuple[float, float], radius_mm: float) -> float:
     """Largest pitch t at which a line e + t d meets one of the round corners, -inf if none does."""
+    # |f + t d|^2 = radius^2 with f = e - corner: dd t^2 + 2 df t + ff = 0,
+    # whose larger root is where the line leaves the circle; shapes (4, m)
     (a, b), f = half_mm, e - (_SIGNS * half_mm)[:, None]
     x, y = d.T
     # each sum of two written out: over so short an axis numpy's takes three times as long
     dd, df, ff = x * x + y * y, x * f[..., 0] + y * f[..., 1], f[..., 0] ** 2 + f[..., 1] ** 2 - radius_mm**2
     t = (-df + np.sqrt(df * df - dd * ff)) / dd
     along, across = e[:, 0] + t * x, e[:, 1] + t * y
+    # only the quarter of each circle that faces outward is the box's boundary; where a root lies on another quarter the line
+    # leaves through a side, which `_through_sides` has
     outward = (_outward(along, _SIGNS[:, :1], a) >= a - 1e-12) & (_outward(across, _SIGNS[:, 1:], b) >= b - 1e-12)
     return float(np.max(t, where=np.isfinite(t) & outward, initial=-np.inf))
 
 
 def _outward(at: FloatArray, sign: FloatArray, half_mm: float) -> FloatArray:
     """Coordinates of points towards a side of a box; of a box without a width, from its middle."""
+    # a box of no width has its two corners in one place, and their quarters are a half circle to both sides
     return np.abs(at) if half_mm == 0.0 else at * sign
 
 
 def whole_um_up(pitch_mm: float) -> float:
     """A pitch rounded up to whole micrometres, so that the figure in a message is legal itself."""
+    # rounded before ceil: 1.349 that came out as 1.3490000000000002 would become 1.350
     return round(ceil(round(pitch_mm / _LEAST_STEP_MM, 3)) * _LEAST_STEP_MM, 3)
 
 
@@ -129,6 +144,7 @@ def coverlay_modes(
     """Every way to open the coverlay, checked for a fab, a part and a grid."""
     size_mm = opening_size_mm(part, fab)
     bridge, least_size = fab.limits["opening-bridge"], fab.limits["opening-size"]
+    # the gap of the present grid for the message, and the pitch for the remedy: two ways to the same limit, which agree
     gap_mm = worst_box_gap_mm(size_mm, rotation_deg, pitch_mm, displacement_mm, directions)
     pitch = whole_um_up(least_pitch_mm(size_mm, bridge.value_mm, rotation_deg, displacement_mm, directions=directions))
     wide = bridge.level != "block" or gap_mm >= bridge.value_mm - TOLERANCE_MM
@@ -164,10 +180,13 @@ def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -
     """
     low, high = parts_xy_mm.min(axis=0) + opening_mm.min(axis=0), parts_xy_mm.max(axis=0) + opening_mm.max(axis=0)
     window = shapely.box(*low, *high)
+    # openings of parts at a rounded corner reach beyond the box's own inset: the outline is offset inward by the least inset of
+    # all their vertices, and an outline with corners of radius R offset by f has corners of radius R - f
     frame_mm = _least_frame_mm(board, parts_xy_mm, opening_mm)
     radius_mm = max(board.corner_radius_mm - frame_mm, 0.0)
     size_mm = (board.size_mm[0] - 2 * frame_mm, board.size_mm[1] - 2 * frame_mm)
     inner = rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(board.size_mm) / 2
+    # two convex shapes: the intersection is one convex polygon, whose direction GEOS does not promise
     ring = shapely.Polygon(inner).intersection(window).exterior
     points = snap_mm(np.array(ring.coords)[:-1])
     return points if ring.is_ccw else points[::-1]

@@ -146,6 +146,7 @@ def joined(drawings: Sequence[Drawing], places: Sequence[tuple[Offset, bool]]) -
     anchors = [(drawing.anchors, move) for drawing, move in pairs if drawing.anchors is not None]
     return replace(
         first,
+        # not snapped to 1 nm: a drill file has four decimals of a millimetre anyway
         holes=tuple((*_pair(move(np.array(hole[:2]), snap=False)), hole[2]) for drawing, move in pairs for hole in drawing.holes),
         parts=tuple(move.parts(parts) for drawing, move in pairs for parts in drawing.parts),
         legend=Legend(
@@ -173,6 +174,7 @@ class _Move:
     turned: bool
 
     def turn(self, xy_mm: FloatArray) -> FloatArray:
+        # R_ccw(90 deg) (x, y) = (-y, x)
         return np.stack([-xy_mm[..., 1], xy_mm[..., 0]], axis=-1) if self.turned else xy_mm
 
     def __call__(self, xy_mm: FloatArray, *, snap: bool = True) -> FloatArray:
@@ -181,6 +183,7 @@ class _Move:
 
     def parts(self, parts: Parts) -> Parts:
         def flashes(of: Flashes) -> Flashes:
+            # an outline is turned about its own origin, and only the place of its flash is moved
             return Flashes(outline_mm=self.turn(of.outline_mm), xy_mm=self(of.xy_mm))
 
         return Parts(
@@ -213,4 +216,5 @@ class Project:
     @property
     def guid(self) -> uuid.UUID:
         """A GUID in the form of RFC 4122 version 4, derived from `key` alone; also the value of .SameCoordinates."""
+        # 16 bytes of a digest with the six bits of version and variant overwritten: the same key gives the same files
         return uuid.UUID(bytes=hashlib.sha256(self.key.encode()).digest()[:16], version=4)

@@ -52,6 +52,7 @@ def _glyph(character: str) -> tuple[tuple[FloatArray, ...], float]:
     """Strokes in font units, y up from the base line, and the advance."""
     if character == "Δ":
         return _DELTA
+    # Hershey's y runs down and its glyphs begin at the left offset; here y runs up from the base line and x from 0
     glyph = _font().all_glyphs[character]
     left = glyph.left_offset
     strokes = ([(x - left, _BASE_LINE - y) for x, y in stroke] for stroke in glyph.strokes if stroke)
@@ -104,6 +105,7 @@ def _arrow() -> tuple[FloatArray, ...]:
 
 def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) -> tuple[list[str], list[str]]:
     """Distribute fields over lines in order, the longest line as short as possible; last fields are left out until it fits."""
+    # four fields at most, so that all ways to break them into lines can be tried
     for kept in range(len(fields), 0, -1):
         splits = combinations(range(1, kept), min(lines, kept) - 1)
         spread = [["  ".join(fields[i:j]) for i, j in pairwise((0, *split, kept))] for split in splits]
@@ -123,6 +125,7 @@ def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tup
     cap_mm: Height of a capital letter.
     """
     line_mm = LINE_PITCH * cap_mm
+    # n lines take (n - 1) pitches and one capital height; 1e-9 for a strip that holds them exactly
     lines = int((x_mm[1] - x_mm[0] - cap_mm) / line_mm + 1e-9) + 1
     low, high = y_mm
     beside_arrow = _pack(fields, lines, high - low - ARROW_MM - ARROW_GAP_MM, cap_mm)
@@ -133,11 +136,13 @@ def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tup
     middle = (x_mm[0] + x_mm[1]) / 2
     if has_arrow:
         name = stroke_text("+y", cap_mm)
+        # the arrow's head is 0.7 * 0.3 * 2 = 0.42 arrow lengths wide: its tip stays half of that off the strip's end
         at = (min(middle + 0.8 * cap_mm, x_mm[1] - 0.21 * ARROW_MM), high - ARROW_MM)
         strokes += _placed(_arrow(), at, 0.0)
         name_left = at[0] - 0.28 * ARROW_MM - name.width_mm
         if name_left >= x_mm[0]:
             strokes += _placed(name.strokes_mm, (name_left, high - (ARROW_MM + cap_mm) / 2), 0.0)
+    # turned by 90 degrees a capital rises to -x from its base line: the block is centred by half a capital height
     first = middle - (len(packed) - 1) * line_mm / 2 + cap_mm / 2
     for i, text in enumerate(packed):
         strokes += _placed(stroke_text(text, cap_mm).strokes_mm, (first + i * line_mm, low), 90.0)

@@ -169,6 +169,8 @@ def _label(tape: Tape, tag: Tag, rules: LegendSizes, size_mm: tuple[float, float
     """The label of a strip on an outline: between the tag and the upper end, inside the outline's rounded corner."""
     left_mm = TAG_KEEP_OUT_MM + rules.line_mm
     radius_mm, edge_mm = tape.board.corner_radius_mm, rules.edge_mm
+    # at left_mm from the left side the rounded corner, offset inward by edge_mm, is an arc of radius R - edge about (R, height -
+    # R): it ends R - rise below the upper side; right of the corner only the end gap counts
     rise_mm = sqrt(max((radius_mm - edge_mm) ** 2 - (radius_mm - left_mm) ** 2, 0.0)) if left_mm < radius_mm else radius_mm
     return compose_label(
         [

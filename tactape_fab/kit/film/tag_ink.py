@@ -38,12 +38,16 @@ def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, lege
     half = SIDE_CELLS / 2
     x, y = (column - half) * cell_mm, (half - 1 - row) * cell_mm
     image = shapely.union_all(shapely.box(x, y, x + cell_mm, y + cell_mm))
+    # A cut with legs along the cell's sides is leg / sqrt(2) away from the corner, on both cells: 2 (gap/2 + bleed) between them
+    # as drawn, of which the ink takes one bleed from each side
     leg_mm = (gap_mm / 2 + bleed_mm) * sqrt(2.0)
     corners = _corner_contacts(inked)
+    # row 0 is the upper one, and a corner's row counts cell borders from the top
     if len(corners):
         cx, cy = (corners[:, 1] - half) * cell_mm, (half - corners[:, 0]) * cell_mm
         arms = np.array([(leg_mm, 0.0), (0.0, leg_mm), (-leg_mm, 0.0), (0.0, -leg_mm)])
         image = shapely.difference(image, shapely.union_all(shapely.polygons(np.stack([cx, cy], axis=1)[:, None] + arms)))
+    # normalised: the order of parts and of their first vertices does not depend on how GEOS united the cells
     parts = shapely.get_parts(shapely.normalize(image))
     return Ink(areas_mm=tuple(area for part in parts for area in _without_holes(part, cell_mm / 10)))
 
@@ -61,11 +65,13 @@ def _without_holes(polygon: shapely.Polygon, overlap_mm: float) -> list[FloatArr
     if not polygon.interiors:
         return [np.array(polygon.exterior.coords)[:-1]]
     x_low, y_low, x_high, y_high = polygon.bounds
+    # a cut through the middle of a hole makes a notch of it in each piece: a piece has one hole less, so the recursion ends
     cut = polygon.interiors[0].centroid.y
     pieces: list[FloatArray] = []
     for low, high in ((y_low - 1.0, cut + overlap_mm), (cut - overlap_mm, y_high + 1.0)):
         piece = shapely.intersection(polygon, shapely.box(x_low - 1.0, low, x_high + 1.0, high))
         for part in shapely.get_parts(piece):
+            # a cut that touches a cell's side may leave lines or points as well
             if part.geom_type == "Polygon":
                 pieces += _without_holes(part, overlap_mm)
     return pieces

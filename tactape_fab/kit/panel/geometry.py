@@ -54,6 +54,8 @@ class Place:
     @property
     def low_mm(self) -> Offset:
         """Its lower left corner as it lies."""
+        # turned about the board's origin it extends to the left of its
+        # offset by its height: [0, w] x [0, h] becomes [-h, 0] x [0, w]
         return (float(snap_mm(self.offset_mm[0] - self.size_mm[1])), self.offset_mm[1]) if self.turned else self.offset_mm
 
     def on_panel_mm(self, xy_mm: FloatArray) -> tuple[float, float]:
@@ -113,6 +115,7 @@ class Panel:
     @property
     def key(self) -> str:
         """A text that differs from that of every other panel."""
+        # a grid's size follows from its other values; a panel of packed tapes may be larger than they need
         own = {key: value for key, value in self.to_mapping().items() if self.grid is None or key not in ("size_mm", _RADIUS)}
         return f"Panel({', '.join(f'{key}={value!r}' for key, value in own.items())})"
 
@@ -142,6 +145,7 @@ def grid_places(
             tabs_x=tabs[0],
             tabs_y=tabs[1],
         )
+        # reading order: the upper row first, while offsets count from below
         for r in reversed(range(grid[1]))
         for c in range(grid[0])
     )
@@ -153,6 +157,7 @@ def outline_of(size_mm: Size, radius_mm: float) -> FloatArray:
 
 def panel_size_mm(tape_mm: Size, arrangement: tuple[int, int], rail_mm: float, gap_mm: float) -> Size:
     """Outline of a panel with so many columns and rows."""
+    # n tapes have n + 1 slots: one between every two, and one along each rail
     width, height = (
         float(snap_mm(2 * rail_mm + gap_mm + n * (side + gap_mm))) for side, n in zip(tape_mm, arrangement, strict=True)
     )

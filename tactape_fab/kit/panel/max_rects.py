@@ -70,14 +70,20 @@ def _best(free: IntArray, width: int, height: int, rule: Rule) -> tuple[int, int
 
 def _without(free: IntArray, taken: IntArray) -> IntArray:
     """Free rectangles after `taken` is occupied: each one that it overlaps is split into the up to four that remain."""
+    # open intervals: rectangles that only touch do not overlap
     overlaps = (free[:, :2] < taken[2:]).all(axis=1) & (taken[:2] < free[:, 2:]).all(axis=1)
     pieces = [free[~overlaps]]
+    # the four pieces reach across the whole free rectangle, and overlap
+    # each other in its corners: maximal ones are kept, not a partition
     for side, edge in ((_X1, taken[_X0]), (_X0, taken[_X1]), (_Y0, taken[_Y1]), (_Y1, taken[_Y0])):
         piece = free[overlaps]
         piece[:, side] = edge
+        # a piece of no width or height is none
         pieces.append(piece[(piece[:, :2] < piece[:, 2:]).all(axis=1)])
+    # equal rectangles hold each other: without np.unique both would go
     rest = np.unique(np.concatenate(pieces), axis=0)
     low, high = rest[:, :2], rest[:, 2:]
+    # rectangle i contains rectangle j, shape (k, k), summed over i
     holds = ((low[:, None] <= low) & (high[:, None] >= high)).all(axis=2).sum(axis=0)
     outermost: IntArray = rest[holds == 1]  # each contains itself
     return outermost

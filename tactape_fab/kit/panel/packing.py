@@ -95,6 +95,7 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
         raise SpecError(
             f"a tape does not fit a sheet of {sheet_mm[0]:g} x {sheet_mm[1]:g} mm; use smaller tapes or larger sheets"
         )
+    # tapes a gap apart in a sheet s are tapes wider by the gap, without gaps, in a sheet s + gap
     sides = _whole(sizes + gap_mm)
     width, height = (int(side) for side in _whole(np.asarray(sheet_mm) + gap_mm))
     found = [
@@ -147,11 +148,14 @@ def _panel_mm(packing: Packing, fab: FabProfile) -> tuple[float, float]:
 def _tightest(sizes_mm: Sequence[tuple[float, float]], fab: FabProfile) -> Packing:
     """Of packings of one sheet's tapes into sheets of several widths the one with the smallest panel, then the squarest."""
     room_mm, gap_mm = sheet_room_mm(fab), FRAME_GAPS * fab.panel.gap_mm
+    # no sheet narrower than the largest of the shorter sides holds every tape, and none may be wider than the room
     low, high = min(max(min(size) for size in sizes_mm), room_mm[0]), max(max(size) for size in sizes_mm)
     tried = [pack(sizes_mm, room_mm, gap_mm)]
+    # a tape longer than the room is high has to fit across
     for width_mm in np.linspace(low, room_mm[0], _WIDTHS).tolist():
         if high <= max(width_mm, room_mm[1]):
             tried.append(pack(sizes_mm, (width_mm, room_mm[1]), gap_mm))
+    # the order and rule that filled this sheet in `pack_panels` fill it again, so the first try has one sheet at least
     return min((packing for packing in tried if packing.sheets == 1), key=lambda packing: _area_and_side(_panel_mm(packing, fab)))
 
 
@@ -172,6 +176,7 @@ def _orders(sides: IntArray) -> list[list[int]]:
 
 def _cost(places: IntArray, sides: IntArray) -> tuple[int, int, int]:
     """Cost of a packing: number of sheets, area on the emptiest of them, number of rotated tapes."""
+    # nm^2 in float64 have sixteen digits, and the sum only orders packings
     area = np.bincount(places[:, 0], weights=sides.prod(axis=1).astype(np.float64))
     return len(area), int(area.min()), int(places[:, 3].sum())
 
@@ -180,6 +185,7 @@ def _in_order(places: IntArray, sizes_mm: FloatArray) -> IntArray:
     """The same places, fullest sheet first, assigned to tapes of one size in the given order."""
     area = np.bincount(places[:, 0], weights=sizes_mm.prod(axis=1)).round(6)
     rank = np.empty(len(area), dtype=np.int64)
+    # stable: sheets of equal area keep their order, so that the same list gives the same panels
     rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
     places = np.column_stack([rank[places[:, 0]], places[:, 1:]])
     _, kinds = np.unique(sizes_mm, axis=0, return_inverse=True)
@@ -187,5 +193,6 @@ def _in_order(places: IntArray, sizes_mm: FloatArray) -> IntArray:
     for kind in range(kinds.max() + 1):
         alike = np.flatnonzero(kinds.reshape(-1) == kind)
         slots = places[alike]
+        # lexsort's last key is the first: by sheet, then from the top row down, then from left to right
         ordered[alike] = slots[np.lexsort((slots[:, 1], -slots[:, 2], slots[:, 0]))]
     return ordered

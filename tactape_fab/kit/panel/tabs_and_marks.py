@@ -15,6 +15,7 @@ from tactape_fab.texture.frames import snap_mm
 
 _MARK_APART_MM = 1.5
 _CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
+# opposite corners first: two tooling holes then fix both place and rotation of the panel
 _HOLE_CORNERS = ((0, 0), (1, 1), (1, 0), (0, 1))
 
 
@@ -44,6 +45,7 @@ def plan_packed(
     places = []
     for (tape_mm, radius_mm), (offset_mm, turned) in zip(tapes, offsets, strict=True):
         along = [_tabs_along(side_mm, radius_mm, fab) for side_mm in tape_mm]
+        # tabs_y is on the lower and upper side as the tape lies: of a turned one these are the board's left and right sides
         tabs_y, tabs_x = (along[1], along[0]) if turned else (along[0], along[1])
         places.append(
             Place(size_mm=tape_mm, radius_mm=radius_mm, offset_mm=offset_mm, turned=turned, tabs_x=tabs_x, tabs_y=tabs_y)
@@ -56,6 +58,7 @@ def _checked(size_mm: Size, places: tuple[Place, ...], grid: tuple[int, int] | N
     rules = fab.panel
     problems = [
         problem
+        # tapes of one size and rotation have the same problems: each is told once
         for place in dict.fromkeys(replace(p, offset_mm=(0.0, 0.0)) for p in places)
         for problem in _tab_problems(place, tabs, fab)
     ]
@@ -78,12 +81,15 @@ def _checked(size_mm: Size, places: tuple[Place, ...], grid: tuple[int, int] | N
 
 def _least_side_mm(radius_mm: float, count: int, tab_mm: float, gap_mm: float) -> float:
     """Length of the shortest side that holds so many evenly spaced tabs with the round ends of their slots, clear of corners."""
+    # n tabs stand in the middles of n parts, the first side / (2 n) from the corner: that has to hold corner radius, half the tab
+    # and the round end of a slot, (2 r + tab + gap) / 2
     return count * (2 * radius_mm + tab_mm + gap_mm)
 
 
 def _tabs_along(side_mm: float, radius_mm: float, fab: FabProfile) -> int:
     """Number of tabs of a side, spaced within the profile's limit if there is space; 0 without space."""
     rules = fab.panel
+    # 1e-9: a side of exactly n pitches has n tabs
     wanted = ceil(side_mm / rules.tab_pitch_mm - 1e-9)
     fitting = (
         n for n in range(wanted, 0, -1) if _least_side_mm(radius_mm, n, rules.tab_mm, rules.gap_mm) <= side_mm + TOLERANCE_MM
@@ -115,11 +121,13 @@ def _tab_problems(place: Place, tabs: str, fab: FabProfile) -> Iterator[Problem]
 def _first_mark_mm(fab: FabProfile) -> float:
     """Distance of a fiducial from the panel's side, past the tooling hole of the corner."""
     rules = fab.panel
+    # centre of the hole, its radius, the space between, and the radius of the fiducial's opening
     return rules.rail_mm / 2 + (rules.tooling_hole_mm + rules.fiducial_opening_mm) / 2 + _MARK_APART_MM
 
 
 def _mark_problems(size_mm: Size, fab: FabProfile) -> Iterator[Problem]:
     rules = fab.panel
+    # each of the two marks of a rail in its own half, the shifted one too
     needed_mm = 2 * (_first_mark_mm(fab) + rules.fiducial_shift_mm + rules.fiducial_opening_mm / 2)
     if rules.fiducials and size_mm[0] < needed_mm:
         message = (

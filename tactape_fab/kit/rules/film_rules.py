@@ -196,6 +196,7 @@ def _anchor_gap(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
 def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
     """Legend and stencil."""
     if layout.tape.tag is not None:
+        # ink bleeds over an edge by bleed_mm: what is a cell wide as drawn may lose that at both sides
         ink_mm, origin = layout.tape.tag.cell_mm - 2 * fab.legend.bleed_mm, fab.legend.origin
         passed = ink_mm >= fab.legend.line_mm - TOLERANCE_MM
         message = f"narrowest ink of the tag {ink_mm:.3f} mm {'meets' if passed else 'is below'} {fab.legend.line_mm:.3f} mm"
@@ -214,6 +215,7 @@ def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]
 
 def _cell_options(layout: Layout, spec: TapeSpec, fab: FabProfile) -> str:
     """A cell of the tag that is wide enough, and the outline that its strip needs."""
+    # rounded before ceil, as a sum of decimals may lie just above the next micrometre
     cell_mm = ceil(round((fab.legend.line_mm + 2 * fab.legend.bleed_mm) * 1000, 3)) / 1000
     size_mm = film_size_mm(spec.but(tag_cell_mm=cell_mm), fab, layout.part)
     return f"--tag-cell {cell_mm:g}" + ("" if size_mm == spec.size_mm else f" --size {size_mm[0]:g}x{size_mm[1]:g}")
@@ -246,6 +248,8 @@ def _other_part(spec: TapeSpec, fab: FabProfile, fits: Callable[[PartProfile], b
 
 
 def _area_ratio(outline: FloatArray, fab: FabProfile) -> float:
+    # IPC-7525: area of the opening over area of its walls, A / (perimeter
+    # * thickness); paste sticks to the walls where it is small
     around = sum(hypot(*(b - a)) for a, b in zip(outline, [*outline[1:], outline[0]], strict=True))
     return float(area_mm2(outline) / (around * fab.stencil.thickness_mm))
 
@@ -286,6 +290,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
         **cited(fab.parts.origin),
         message=f"{count} parts" + ("" if few else f", more than {most}: ask {fab.name} whether they take so many"),
     )
+    # a board may be turned on the line: the longer side is held against the longer limit
     size_mm, panel = sorted(board_mm, reverse=True), fab.panel
     small = any(side < least - TOLERANCE_MM for side, least in zip(size_mm, panel.smallest_mm, strict=True))
     large = any(side > most_mm + TOLERANCE_MM for side, most_mm in zip(size_mm, panel.largest_mm, strict=True))
@@ -306,6 +311,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
 def _size_remedy(size_mm: Sequence[float], level: bool, fab: FabProfile, *, small: bool, large: bool) -> str:
     """Remedy for an item that assembly does not take: a panel where it fits on one with its rails, else a smaller size."""
     panel = fab.panel
+    # two rails and the slots beside them: the panel of a single tape
     around_mm = 2 * (panel.rail_mm + panel.gap_mm)
     room_mm = [most - around_mm for most in panel.largest_mm]
     fits = all(side <= most + TOLERANCE_MM for side, most in zip(size_mm, room_mm, strict=True))
@@ -322,6 +328,7 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
     if spec.bend_radius_mm is None or fab.bend is None:
         return
     backings = [float(backing.split()[1]) for backing in (spec.stiffener, spec.adhesive) if backing is not None]
+    # the profile's ratio is of everything that bends together, stiffener and adhesive included
     thick_mm = fab.material.thickness_mm + sum(backings)
     least_mm = fab.bend.least_thicknesses * thick_mm
     passed = spec.bend_radius_mm >= least_mm - TOLERANCE_MM
@@ -334,9 +341,12 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
         value=spec.bend_radius_mm,
         limit=least_mm,
         **cited(fab.bend.origin),
+        # rounded up to a micrometre, so that the figure meets the limit as typed
         message=said if passed else f"{said}; bend it less, --bend-radius {ceil(least_mm * 1000 - 1e-6) / 1000:g}",
     )
+    # the body is stiff along the axis that goes round, over its whole extent in that direction
     stiff_mm = 2 * reach_mm(layout.outlines.body)["xy".index(str(spec.bend_axis))]
+    # sagitta of a chord s of radius R: R - sqrt(R^2 - s^2/4) = s^2 / (8 R), short of the truth by the share s^2 / (16 R^2)
     sag_mm = stiff_mm**2 / (8 * spec.bend_radius_mm)
     message = f"under a body, {stiff_mm:.2f} mm along {spec.bend_axis}, the film would bow by {sag_mm * 1000:.1f} um"
     yield Finding(rule="bend-part", level="info", passed=True, value=sag_mm, message=message)

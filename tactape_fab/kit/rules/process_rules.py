@@ -76,6 +76,7 @@ def _mark_rule(tape: Tape, form: SolidForm) -> Finding:
 def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies: _Remedies) -> Iterator[Finding]:
     width_mm, between = narrowest_mm(tape.part), _between_elements(tape)
     width: Measured = (width_mm, None)
+    # in a mould material and air change places: an element's width is a cavity's, and the gap between elements a wall's
     of_width, of_gap = ("gap", "feature") if form.negative else ("feature", "gap")
     narrow, wall = ("width of a cavity", "wall between two cavities") if form.negative else ("width of an element", "")
     findings = {
@@ -84,6 +85,7 @@ def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies:
     if between is not None:
         what = f"narrowest {wall}" if wall else "gap between two elements"
         findings[of_gap] = finding(process, of_gap, between, what, remedies.of(of_gap, between[0], remedies.apart))
+    # the process's rules come in one order, whichever way round they are measured
     yield from (findings[rule] for rule in ("feature", "gap") if rule in findings)
     what = "depth of a cavity" if form.negative else "height of an element"
     height_mm = tape.part.body_mm[2]
@@ -104,6 +106,7 @@ class _Remedies:
         """Remedy of a rule: the options that are found for its limit, or another process that makes it as it is."""
 
         def words(limit_mm: float) -> str:
+            # another process has other limits for holes, and might refuse the tape for these
             others = [] if self.spec.holes_mm else map(load_process, profile_names("processes"))
             ways = [found(limit_mm)] + [
                 f"--process {other.name}"
@@ -123,6 +126,7 @@ class _Remedies:
             return texture_remedy(self.spec, self.process, part, limit_mm)
         fab = load_fab(str(self.spec.fab))
         fab = fab if self.spec.coverlay is None else fab.in_mode(cast(CoverlayMode, self.spec.coverlay))
+        # the models show a chip's nominal body as a block: its gap is reckoned like an element's
         body = ElementProfile(
             name=part.name, shape=part.shape, description="", body_mm=part.body_mm, body_tolerance_mm=0.0, top_mm=None
         )
@@ -138,6 +142,7 @@ class _Remedies:
             return self._with(replace(self.part, body_mm=(max(length_mm, limit_mm), max(width_mm, limit_mm), height_mm)))
         if top_mm is None:
             return self._with(replace(self.part, body_mm=(limit_mm, limit_mm, height_mm)))
+        # a truncated cone keeps its slope: the foot grows by as much as the top
         foot_mm = round(max(length_mm, limit_mm + length_mm - top_mm), 6)
         return self._with(replace(self.part, body_mm=(foot_mm, foot_mm, height_mm), top_mm=limit_mm))
 
@@ -152,6 +157,7 @@ class _Remedies:
 
     def _with(self, part: ElementProfile) -> str:
         limit = self.process.limits["feature" if self.spec.negative else "gap"]
+        # the other rule of the pair has to hold as well once the element is wider
         options = self._apart(part, max(limit.value_mm, limit.warn_mm or 0.0)).options()
         if options is None:
             return ""
@@ -163,5 +169,6 @@ class _Remedies:
 def _between_elements(tape: Tape) -> Measured | None:
     """Least gap between the feet of two elements, mm; None if no two are near each other."""
     foot = element_outline(tape.part.shape, tape.part.body_mm, tape.part.rotation_deg)
+    # two pitches beyond the feet: some neighbour is found even where every gap is wide, and the gap can be told
     shifts, places = neighbours(tape, 2 * float(np.hypot(*reach_mm(foot))) + 2 * tape.pitch_mm)
     return worst_at(gap_mm(foot, shifts), places) if len(shifts) else None

@@ -68,6 +68,8 @@ def gap_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile,
         return apart(part.courtyard_mm)
     if rule == "body-body":
         return apart((part.body_mm[0] + part.body_tolerance_mm, part.body_mm[1] + part.body_tolerance_mm))
+    # a land is a box without its round, offset by the corner radius r; the difference of two is such a box with radius 2 r. Land
+    # 1 of a part against land 2 of another lies shifted by the distance of the two lands, either way
     round_mm, between_mm = 2.0 * part.pads.corner_radius_mm, 2.0 * part.pads.offset_mm
     pad = (part.pads.size_mm[0] - round_mm, part.pads.size_mm[1] - round_mm)
     return max(apart(pad, round_mm, shift_mm) for shift_mm in (0.0, between_mm, -between_mm))
@@ -79,12 +81,14 @@ def element_pitch_mm(gap_mm: float, part: ElementProfile, placing: Placing) -> f
         return least_pitch_mm(
             part.body_mm[:2], gap_mm, placing.rotation_deg, placing.displacement_mm, directions=placing.directions
         )
+    # two circles are nearest where both elements are displaced towards each other along the row: W - 2 Δ - diameter
     return part.body_mm[0] + gap_mm + 2.0 * placing.displacement_mm
 
 
 def cell_pitch_mm(part: PartProfile | ElementProfile, placing: Placing) -> float:
     """Least pitch, mm, at which a displaced body stays within its own cell, as the models require."""
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=placing.rotation_deg)
+    # half a cell holds reach, displacement and clearance
     return 2.0 * (float(max(reach_mm(tape_part))) + placing.displacement_mm + LEAST_CLEARANCE_MM)
 
 
@@ -114,6 +118,7 @@ class Remedy:
         pitch_mm = self._least(displacement_mm)
         if pitch_mm is None or pitch_mm > MOST_PITCH_MM:
             return None
+        # a W that is wide enough already is not made smaller by its remedy
         pitch_mm = max(whole_um_up(pitch_mm), spec.pitch_mm)
         size = self._size(spec.but(pitch_mm=pitch_mm, displacement_mm=displacement_mm))
         return f"--w {pitch_mm:g} --delta {displacement_mm:g}{size}"
@@ -126,9 +131,12 @@ class Remedy:
         low = least_mm
         if low >= high or not self._met(self.spec.pitch_mm, low) or self._met(self.spec.pitch_mm, high):
             return None
+        # rules are monotone in Δ: low holds and high does not, and 20
+        # halvings bring them within a millionth of the first distance
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self._met(self.spec.pitch_mm, middle) else (low, middle)
+        # down to whole micrometres stays on the side that holds
         found = floor(low / _STEP_MM) * _STEP_MM
         return round(found, 3) if found >= least_mm else None
 

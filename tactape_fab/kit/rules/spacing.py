@@ -49,6 +49,7 @@ def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured,
     value, at_mm = measured
     limit = profile.limits[rule]
     level, least_mm = limit.level, limit.value_mm
+    # a value that is 0.5 um short is one that decimals and 1 nm steps may have cost, and meets the limit
     passed = value >= least_mm - TOLERANCE_MM
     if passed and limit.warn_mm is not None and value < limit.warn_mm - TOLERANCE_MM:
         level, least_mm, passed = "warn", limit.warn_mm, False
@@ -75,9 +76,12 @@ def gap_mm(outline_mm: FloatArray, shift_mm: FloatArray) -> FloatArray:
 
     The gap is the signed distance of the shift from the outline's difference body (Minkowski).
     """
+    # A and A + s overlap exactly if s = a - b for some a, b of A: the hull of all such differences is that set for a convex A.
+    # |s| outside it, measured to its edge, is the gap; inside, the shortest way out
     difference = (outline_mm[:, None] - outline_mm).reshape(-1, 2)
     body = shapely.MultiPoint(difference).convex_hull
     points = shapely.points(shift_mm)
+    # covers is true on the edge, too, where both distances are 0
     depth = np.where(shapely.covers(body, points), shapely.distance(body.exterior, points), 0.0)
     return np.asarray(shapely.distance(body, points) - depth)
 
@@ -99,17 +103,23 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
     positions half way between the first such pairs; shapes (k, 2).
     """
     placed, kinds = tape.placed, tape.directions
+    # two displacements may bring neighbours nearer by 2 Δ
     furthest = int((reach + 2 * tape.displacement_mm) / tape.pitch_mm) + 1
     for down in range(furthest + 1):
         for right in range(-furthest, furthest + 1):
+            # half of the neighbours do: the others have the same shifts
+            # with the opposite sign, and a difference body is symmetric
             if down == 0 and right <= 0:
                 continue
             rows, columns = tape.rows - down, tape.columns - abs(right)
             if rows <= 0 or columns <= 0:
                 continue
+            # the grid, and the grid moved by (right, down), as far as they overlap: equal indices are the two parts of a pair
             first = (slice(0, rows), slice(max(-right, 0), max(-right, 0) + columns))
             second = (slice(down, down + rows), slice(max(right, 0), max(right, 0) + columns))
+            # a pair of symbols as one number; kinds**2, which no pair gives, where either part is left out
             pair = np.where(placed[first] & placed[second], tape.symbols[first] * kinds + tape.symbols[second], kinds**2)
+            # first place of each of the at most 64 different pairs: a gap depends on the pair alone, not on where it is
             value, place = np.unique(pair, return_index=True)
             a, b = np.divmod(value[value < kinds**2], kinds)
             row, column = np.divmod(place[value < kinds**2], columns)
@@ -122,6 +132,7 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
 def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Finding]:
     tape = layout.tape
     outlines = layout.outlines
+    # no shape of a part reaches further from its centre than the corner of its courtyard or opening
     part_reach = 2 * float(np.hypot(*np.maximum(reach_mm(outlines.courtyard), reach_mm(outlines.opening))))
     shifts, places = neighbours(tape, part_reach + max(limit.value_mm for limit in fab.limits.values()))
     if len(shifts) == 0:
@@ -131,6 +142,7 @@ def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Find
         return worst_at(gaps, places)
 
     between_own = gap_mm(outlines.pad, (outlines.pad_xy[1] - outlines.pad_xy[0])[None])
+    # all four combinations: land j of the second part against land i of the first
     lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
 
     def wider(rule: str) -> Remedies:
@@ -185,6 +197,7 @@ def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         measured = to_outline(layout.parts_xy_mm, outline, board, fab.limits[rule].value_mm)
         if rule == "pad-edge" and layout.anchors is not None:
             lines = layout.anchors.lines_mm.reshape(-1, 2)
+            # tuples: the smaller value wins, with its place; a line's round ends and sides lie half a web outside its middle line
             measured = min(measured, worst_at(_inside(lines, board) - layout.anchors.web_mm / 2, lines))
         if rule == "opening-edge" and layout.window_mm is not None:
             measured = worst_at(_inside(layout.window_mm, board), layout.window_mm)
@@ -200,6 +213,8 @@ def to_outline(parts_xy_mm: FloatArray, outline_mm: FloatArray, board: Board, li
 
     Only the parts nearest to the outline are measured: enough of them to contain the worst one.
     """
+    # Distance to the outline changes by no more than the way: a vertex is within sqrt(2) reach of its centre. The worst vertex is
+    # no further inside than the least centre, so a part whose centre is more than 2 reach further in cannot have it
     inset = inset_mm(parts_xy_mm, board.size_mm, board.corner_radius_mm)
     near = parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * (limit_mm + max(reach_mm(outline_mm)))]
     return worst_at(inset_mm(near[:, None] + outline_mm, board.size_mm, board.corner_radius_mm).min(axis=1), near)
@@ -226,6 +241,8 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         return
     ink = _ink(layout)
     right_end = shapely.total_bounds(ink)[2] + _NEAR_LEGEND_MM
+    # the strip is at the left end: openings more than 5 mm right of the ink are far from every limit. One column at least is
+    # kept, so that there is something to measure
     near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
     openings = shapely.polygons(near[:, None] + layout.openings.outline_mm)
     if layout.window_mm is not None:
@@ -293,6 +310,7 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
     yield finding(profile, "hole-size", worst_at(2 * radii, centres), "smallest hole", wider)
     if len(holes) > 1:
         tree = shapely.STRtree(shapely.points(centres))
+        # pairs with more than 10 mm beyond the limit between them are not looked at: such holes are no finding
         widest = 2 * radii.max() + profile.limits["hole-hole"].value_mm + 10.0
         a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=widest)
         a, b = a[a < b], b[a < b]
@@ -303,6 +321,7 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
             def fewer(limit_mm: float) -> str:
                 left_out: dict[int, str] = {}
                 for i, j in zip(a[gaps < limit_mm].tolist(), b[gaps < limit_mm].tolist(), strict=True):
+                    # j goes out of a pair whose holes both remain: pairs that an earlier choice has parted need no other
                     if i not in left_out and j not in left_out:
                         left_out[j] = _hole_words(board.holes[j])
                 return f"leave out {', '.join(left_out.values())}"
@@ -312,6 +331,7 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
 
 def _up(length_mm: float) -> float:
     """Rounded up to the decimals of a hole."""
+    # rounded before ceil: a binary fraction just above a decimal would go up by a whole step
     return ceil(round(length_mm * 1e4, 3)) / 1e4
 
 
@@ -324,9 +344,12 @@ def _moved_inward(hole: tuple[float, float, float], board: Board, limit_mm: floa
     x, y, diameter = hole
     middle = np.array(board.size_mm) / 2
     far_mm = limit_mm + diameter / 2
+    # on a board narrower than twice that distance both bounds are its middle, and np.clip still has them in order
     straight = np.clip((x, y), np.minimum(far_mm, middle), np.maximum(np.array(board.size_mm) - far_mm, middle))
+    # straight inward is not enough in a corner zone: there the hole also moves along the line to the middle, in hundredths of it
     for share in np.linspace(0.0, 1.0, 101):  # past a rounded corner
         at = straight + share * (middle - straight)
+        # towards the middle, so that rounding never takes back the distance
         at = np.where(at < middle, np.ceil(at * 100 - 1e-6), np.floor(at * 100 + 1e-6)) / 100
         if inset_mm(at[None], board.size_mm, board.corner_radius_mm)[0] >= far_mm - TOLERANCE_MM:
             break
@@ -339,6 +362,7 @@ def hole_to_parts(
     """Least distance of a hole from the outlines, shape (m, k, 2), about each part's centre."""
     values, places = [], []
     for x, y, diameter in board.holes:
+        # 5 mm beyond the largest reach: a hole with no part so near is far from every limit
         reach = diameter / 2 + max(reach_mm(outlines_mm.reshape(-1, 2))) + 5.0
         near = parts_xy_mm[np.abs(parts_xy_mm - (x, y)).max(axis=1) < reach]
         if len(near):
