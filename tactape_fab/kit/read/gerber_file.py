@@ -19,14 +19,18 @@ from tactape_fab.base.errors import TactapeError
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2
 
+# 100 m: coordinates in nm stay far below 2**53, so that they are exact in float64
 FURTHEST_MM = 1e5
 ARC_ERROR_MM = 1e-4
 _ARC_MISFIT_MM = 1e-5
 _SPARE_CHORDS = 200_000
 """Chords of a file's arcs; half as many as it has bytes are added. A corner of 1 mm has 56."""
 CIRCLE_POINTS = 64
+# circle 1, vector lines 2 and 20, outline 4, rectangles 21 and 22, polygon 5, comment 0; without $ variables and arithmetic
 _PLAIN = re.compile(r"\s*(?:(?:1|2|4|20|21|22),[-+.,\d\s]*|5,[01],\d{1,2},[-+.,\d\s]*|0\s[^*%]*)?")
 """Primitives of an aperture macro (Gerber 2024.05 section 4.5.1) whose corners are no more than their bytes say."""
+# of the others SR repeats a block any number of times, IF reads another file, and LM, LR and LS, which gerbonara does not know,
+# mirror, turn and scale what follows
 _STATEMENTS = {"TF", "TA", "TO", "TD", "FS", "MO", "LP", "AM", "AD"}
 
 
@@ -90,8 +94,10 @@ def read_gerber(data: bytes) -> GerberContent:
     """
     try:
         with collection_paused(), warnings.catch_warnings():
+            # what gerbonara warns of, as deprecated or ambiguous statements, another reader may take otherwise
             warnings.simplefilter("error")
             text = data.decode("ascii")
+            # before parsing: the costs of a repeated block or of a large polygon arise in the parser
             _refuse_statements(text)
             _refuse_costly_apertures(text)
             content = _content(*_drawn(text))
@@ -102,6 +108,7 @@ def read_gerber(data: bytes) -> GerberContent:
     shapes = (*content.areas_mm, *content.strokes_mm, *content.aperture_outlines_mm, content.flash_xy_mm)
     if not is_on_earth(np.concatenate(shapes)):
         raise ReadbackError(f"it draws further out than {FURTHEST_MM:g} mm")
+    # a region that was folded to a line has no area, and readers draw it or not
     if any(len(area) < 3 or area_mm2(area) == 0.0 for area in content.areas_mm):
         raise ReadbackError("a region of it has no area")
     return content
@@ -162,12 +169,14 @@ class _Drawn:
     def append(self, thing: Any) -> None:
         """Called by gerbonara's parser for each object."""
         flash, line, arc, region = self._kinds
+        # a file has one unit and hundreds of thousands of objects: a unit is looked at where it changes
         if thing.unit is not self._unit:
             self._unit = self.units[id(thing.unit)] = thing.unit
         if not thing.polarity_dark:
             self.clear = True
         kind = type(thing)
         if kind is flash:
+            # .P is component and pin (of copper pads), .C the component alone (of the component layer)
             pin = thing.attrs.get(".P", ())
             self.flashes_mm += (thing.x, thing.y)
             self.flashed.append(thing.aperture)
@@ -177,9 +186,13 @@ class _Drawn:
             self.lines_mm += (thing.x1, thing.y1, thing.x2, thing.y2)
             self.drawn_with.append(thing.aperture)
         elif kind is arc:
+            # numeric_error: how far the two radii, from centre to begin and
+            # to end, differ; a centre at the point where it begins is no arc
             self.misfit = self.misfit or thing.numeric_error("mm") > _ARC_MISFIT_MM or thing.cx == thing.cy == 0.0
             if self.misfit:
                 return
+            # a chord with the error e subtends 2 acos(1 - e / r) of a circle of radius r; gerbonara draws twice as many, as its
+            # `approximate` takes half of that for the whole
             self.chords_left -= thing.sweep_angle() / (2 * acos(max(0.0, 1 - ARC_ERROR_MM / hypot(thing.cx, thing.cy))))
             if not self.chords_left > 0:
                 raise ReadbackError("its arcs are longer than those of any board")
@@ -197,6 +210,8 @@ def _remembering_settings() -> Any:
     class Remembering(FileSettings):  # type: ignore[misc]
         def __setattr__(self, name: str, value: object) -> None:
             super().__setattr__(name, value)
+            # set in the instance: the parser calls it for each coordinate,
+            # and any setting that changes, as the unit, empties the memory
             self.__dict__["parse_gerber_value"] = lru_cache(maxsize=None)(super().parse_gerber_value)  # depends on the settings
 
     return Remembering
@@ -204,6 +219,7 @@ def _remembering_settings() -> Any:
 
 def _refuse_costly_apertures(text: str) -> None:
     """Refuse apertures whose few bytes expand to any number of corners: this tool writes none."""
+    # a standard aperture P of two digits, 99 corners at most
     for corners in re.findall(r"AD[^*%]*P,[^*%X]*X([^*%X]*)", text):
         if not (corners.isdecimal() and len(corners) < 3):
             raise ReadbackError("it has a polygon of more corners than this tool writes")
@@ -214,10 +230,12 @@ def _refuse_costly_apertures(text: str) -> None:
 
 def _refuse_statements(text: str) -> None:
     """Refuse statements that gerbonara ignores silently although they change what a fab draws."""
+    # the two letters after a per cent sign name an extended command
     foreign = sorted(set(re.findall(r"%([A-Z]{2})", text)) - _STATEMENTS)
     if foreign:
         raise ReadbackError(f"it holds %{foreign[0]}, which this tool never writes")
     found = re.finditer(r"(M0*[0-2])\*", text)
+    # M02 counts only at the beginning of a word: the same letters may be part of an attribute's text
     ends = [end[1] for end in found if not text[max(0, end.start() - 1) : end.start()].strip("*% \t\r\n")]
     if ends != ["M02"] or not text.rstrip().endswith("M02*"):
         raise ReadbackError("its end, M02, does not stand once and last")
@@ -228,6 +246,7 @@ def _content(drawn: _Drawn, attributes: Mapping[str, Sequence[str]]) -> GerberCo
         raise ReadbackError("it is not in millimetres")
     if drawn.misfit:
         raise ReadbackError("an arc of it does not fit its centre")
+    # apertures are told apart by identity: two definitions of equal shape remain two, as in the file
     apertures = {id(aperture): aperture for aperture in drawn.flashed}
     index = {key: i for i, key in enumerate(apertures)}
     strokes, widths = joined_strokes(
@@ -255,11 +274,13 @@ def _aperture_outline(aperture: Any) -> FloatArray:
     from gerbonara.graphic_primitives import ArcPoly, Circle
     from gerbonara.utils import MM
 
+    # more than one primitive would be a macro that this tool does not write; unpacking refuses it
     (shape,) = aperture.flash(0.0, 0.0, MM, True)
     if not shape.polarity_dark:
         raise ReadbackError("an aperture of it draws nothing: its exposure is off")
     if isinstance(shape, ArcPoly) and not any(shape.arc_centers or ()):
         outline = np.array(shape.outline, dtype=np.float64)
+        # an outline primitive repeats its first vertex (4.5.1.6); here polygons are not closed
         outline = outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
         if len(outline) < 3 or area_mm2(outline) == 0.0:
             raise ReadbackError("a flashed aperture of it has no area")
@@ -291,11 +312,14 @@ def joined_strokes(
     """
     if not len(ends):
         return (), np.empty(0)
+    # ends are compared exactly: the writer gives a continued line the very text at which the one before ended
     begins = np.ones(len(ends), dtype=bool)
     begins[1:] = (apertures[1:] != apertures[:-1]) | (ends[1:, :2] != ends[:-1, 2:]).any(axis=1)
     _split_closed(begins, ends)
     first = np.flatnonzero(begins)
+    # each run of k lines has k + 1 points: all ends, and before each run its first begin
     points = np.insert(ends[:, 2:], first, ends[first, :2], axis=0)
+    # np.insert has moved the k-th run by k points
     cuts = [*(first + np.arange(len(first))).tolist(), len(points)]
     widths = [diameters_mm[key] for key in apertures[first].tolist()]
     return tuple(points[a:b] for a, b in pairwise(cuts)), np.array(widths, dtype=np.float64)
@@ -303,6 +327,7 @@ def joined_strokes(
 
 def _chords(arc: Any) -> list[Any]:
     """An arc as lines with the same end points."""
+    # both ends as written: rotated ones would be off by rounding, and the outline would not close
     lines: list[Any] = arc.approximate(max_error=ARC_ERROR_MM)
     lines[0].x1, lines[0].y1, lines[-1].x2, lines[-1].y2 = arc.x1, arc.y1, arc.x2, arc.y2
     return lines
@@ -313,6 +338,7 @@ def _split_closed(begins: BoolArray, ends: FloatArray) -> None:
     first = np.flatnonzero(begins)
     run = np.cumsum(begins) - 1
     goes_on = ~np.append(begins[1:], True)
+    # only runs that pass through their own beginning and go on: few, so that the loop in Python is short
     suspects = np.unique(run[goes_on & (ends[:, 2:] == ends[first[run], :2]).all(axis=1)])
     for since, after in zip(first[suspects].tolist(), np.append(first[1:], len(begins))[suspects].tolist(), strict=True):
         start = since

@@ -42,10 +42,12 @@ def read_drill(data: bytes) -> FloatArray:
         raise
     except Exception as error:  # gerbonara raises exceptions of any type
         raise ReadbackError(f"gerbonara cannot read it: {one_line(error)}") from error
+    # XNC ends with M30: a file that was cut off ends earlier
     if not text.rstrip().endswith("\nM30"):
         raise ReadbackError("its end, M30, is missing")
     if re.search(r"TF\.FileFunction,(?!NonPlated,)", text):
         raise ReadbackError("it calls itself another file than one of unplated holes")
+    # a slot is a line to gerbonara, a tool in inches another unit
     if not all(isinstance(o, Flash) and o.unit is not None and o.unit.shorthand == "mm" for o in file.objects):
         raise ReadbackError("it holds other things than round holes in millimetres")
     holes = np.array([(o.x, o.y, o.aperture.diameter) for o in file.objects], dtype=np.float64).reshape(-1, 3)
@@ -75,10 +77,12 @@ def _read_cpl(data: bytes) -> CplContent:
         columns = [[row[i] for row in rows] for i in range(len(content.headers))]
     else:
         columns = _columns(_decoded(data).removeprefix("#"), SEPARATORS[content.table.style])
+    # rotations are read back counter-clockwise; what the list says is compared with the range in its own sense
     low, high = (-180.0, 180.0) if content.table.half_turns else (0.0, 360.0)
     turns = -content.rotation_deg if content.table.clockwise else content.rotation_deg
     if not ((turns >= low) & (turns <= high)).all():
         raise ReadbackError(f"a rotation is not from {low:g} to {high:g} deg, as this list has them")
+    # float() also takes exponents, underscores, blanks and a plus, which other readers refuse or read otherwise
     for number in (place for place, (_, of) in enumerate(content.table.columns) if of in ("x", "y", "rotation")):
         if not written_with("".join(columns[number]), _DIGITS):
             raise ReadbackError(f"a number of column {content.headers[number]} is not written with digits, '-' and '.' alone")
@@ -112,6 +116,7 @@ def _refuse_header(found: Sequence[str], known: tuple[str, ...]) -> None:
 def csv_lines(text: str, separator: str = ",") -> list[list[str]]:
     """Lines of a table as cells, the header first; ReadbackError if it is not a table, or a row has another number of cells."""
     try:
+        # newline="" leaves line ends to csv, which has to see CR and LF inside quotes (RFC 4180)
         lines = list(csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator))
     except csv.Error as error:
         raise ReadbackError(f"it is no CSV: {one_line(error)}") from error

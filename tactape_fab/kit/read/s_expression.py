@@ -32,13 +32,17 @@ def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
     """
     if without:  # quotes are removed in pairs only, so that the quoting of the rest does not change
         names = "|".join(without).encode()
+        # such a list is one word in brackets, so nothing nested is lost
         data = re.sub(rb'\(\s*(?:%s)\s+(?:[\w.-]+|"[\w.-]*")\s*\)' % names, b" ", data)
     at, level = _brackets(data)
+    # depth 1 is the board, 2 its footprints and lines, 3 their parts:
+    # the smallest lists that repeat from one footprint to the next
     inner = _spans(at, level, 3)
     texts = [data[begin:end] for begin, end in inner]
     try:
         known = dict(zip(distinct := dict.fromkeys(texts), _parsed(b" ".join(distinct)), strict=True))
         lists = [(begin, end, known[text]) for (begin, end), text in zip(inner, texts, strict=True)]
+        # the parsed lists of depth 3 are put into those of depth 2, these into the one of depth 1
         ((_, _, whole),) = _around(data, _spans(at, level, 1), _around(data, _spans(at, level, 2), lists))
     except UnicodeDecodeError as error:
         raise ReadbackError(f"it is not UTF-8: {error.reason}") from error
@@ -47,20 +51,24 @@ def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
 
 def _brackets(data: bytes) -> tuple[IntArray, IntArray]:
     """Places of brackets outside quotes, and the depth, from 1, of the list that each begins or ends."""
+    # escapes are blanked in place: an escaped quote must not count as one, and every index stays what it is in `data`
     text = np.frombuffer(re.sub(rb"\\.", b"__", data, flags=re.DOTALL) if b"\\" in data else data, dtype=np.uint8)
     quotes = np.flatnonzero(text == ord('"'))
     whole = np.frombuffer(data, dtype=np.uint8)
     marks = np.flatnonzero((whole == ord("\\")) | (whole == ord("#")))
+    # an odd number of quotes before a place puts it inside of them: searchsorted counts them
     if len(quotes) % 2 or (np.searchsorted(quotes, marks) % 2 == 0).any():
         raise ReadbackError("it has a quote without an end, or a backslash or '#' outside quotes")
     at = np.flatnonzero((text == ord("(")) | (text == ord(")")))
     at = at[np.searchsorted(quotes, at) % 2 == 0]
     closes = text[at] == ord(")")
+    # depth after each bracket; it must be positive until the last one, which ends the single list
     after = np.cumsum(1 - 2 * closes)
     if not len(at) or after[-1] != 0 or (after[:-1] <= 0).any() or (data[: at[0]] + data[at[-1] + 1 :]).strip():
         raise ReadbackError("its brackets do not match, or it holds more than one list")
     if after.max() > _DEEPEST:
         raise ReadbackError(f"its lists are nested more than {_DEEPEST} deep")
+    # a closing bracket belongs to the depth before it
     return at, after + closes
 
 
@@ -79,6 +87,7 @@ def _around(data: bytes, spans: list[tuple[int, int]], inner: list[tuple[int, in
         while k < len(inner) and inner[k][0] < end:
             first, after, tree = inner[k]
             if not (between := data[at:first]).isspace():
+                # what lies between two lists is mostly a blank or a line end
                 words += _words(between)
             words.append(tree)
             at, k = after, k + 1
@@ -103,6 +112,7 @@ def _parsed(text: bytes) -> list[Tree]:
             stack.append([])
         elif token != ")":
             stack[-1].append(_word(token) if token[0] == '"' else token)
+        # stack[0] is the level outside of the lists that are parsed one after the other: a list that ends on it is done
         elif len(stack) > 2:
             done = tuple(stack.pop())
             stack[-1].append(done)

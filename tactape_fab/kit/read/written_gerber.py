@@ -22,9 +22,12 @@ from tactape_fab.base.fields import shown
 from tactape_fab.kit.read.gerber_file import ARC_ERROR_MM, CIRCLE_POINTS, GerberShapes, joined_strokes, read_gerber
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
+# absolute coordinates with 4 and 6 digits, millimetres, dark polarity, arcs over several quadrants, linear interpolation
 _SETTINGS = (b"%FSLAX46Y46*%", b"%MOMM*%", b"%LPD*%", b"G75*", b"G01*")
+# twelve digits of nm are a kilometre: with the sign they fit int64
 _NUMBER = rb"-?\d{1,12}"
 _DECIMAL = rb"-?\d{1,4}\.\d{6}"
+# TF, TA, TO with a name, standard ones with a point; TD alone or with the name of what it deletes
 _CONTENT = rb"T(?:[FAO]\.?[A-Za-z][^*%\x00-\x1f]{0,400}|D(?:\.[A-Z][A-Za-z]{0,20})?)"
 _ATTRIBUTE = re.compile(rb"^(?:%%%b\*%%|G04 #@! %b\*)$" % (_CONTENT, _CONTENT), re.MULTILINE)
 _FILE_ATTRIBUTE = re.compile(rb"^(?:%|G04 #@! )TF([^,*\n]*)", re.MULTILINE)
@@ -91,6 +94,7 @@ def written_shapes(data: bytes) -> GerberShapes:
         raise FormError("it has more arcs than an outline")
     used, index = in_order_of_use(drawn.flashes[:, 2])
     ends, number = drawn.lines[:, :4] / 1e6, drawn.lines[:, 4]
+    # from the last on: an insertion does not move the places of the arcs before it
     for *arc, aperture, before in reversed(drawn.arcs):
         chords = _chords(*(value / 1e6 for value in arc))
         ends, number = np.insert(ends, before, chords, axis=0), np.insert(number, before, np.full(len(chords), aperture))
@@ -109,12 +113,14 @@ def first_body_mm(components: bytes) -> tuple[float, float]:
     """Length and width of the first part's body, mm, from a component layer; the others are not read."""
     second = components.find(_SECOND_PART)
     corners = read_shapes(components[: second if second >= 0 else None] + b"M02*\n").strokes_mm[0][:4]
+    # two neighbouring sides of the outline are the body's length and width
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     return max(sides[0], sides[1]), min(sides[0], sides[1])
 
 
 def first_part(path: Path) -> bytes:
     """The beginning of a component layer, with its first part at least."""
+    # 64 kB hold the header and one part whatever its texts: a text of a profile has 200 characters at most
     with path.open("rb") as stream:
         begun = stream.read(_BEGINNING_BYTES)
         return begun if _SECOND_PART in begun else begun + stream.read()
@@ -123,6 +129,7 @@ def first_part(path: Path) -> bytes:
 def in_order_of_use(numbers: IntArray) -> tuple[list[int], IntArray]:
     """The different numbers in the order in which they first occur, and the place of each number among them."""
     values, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
+    # np.unique sorts by value: its places are ranked by first occurrence
     order = np.argsort(first)
     return values[order].tolist(), np.argsort(order)[inverse.reshape(-1)]
 
@@ -131,6 +138,7 @@ def _outline(kind: str, values: tuple[float, ...]) -> FloatArray:
     """Outline of an aperture about its origin, mm."""
     if kind == "M":
         return np.array(values).reshape(-1, 2)
+    # P with 4 corners and no rotation has its first vertex on the x axis, as has a circle's polygon here
     angle = np.linspace(0.0, 2 * np.pi, CIRCLE_POINTS if kind == "C" else 4, endpoint=False)
     return np.asarray(values[0] / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1), dtype=np.float64)
 
@@ -138,10 +146,15 @@ def _outline(kind: str, values: tuple[float, ...]) -> FloatArray:
 def _chords(x: float, y: float, x_end: float, y_end: float, i: float, j: float) -> FloatArray:
     """An arc counter-clockwise about (x + i, y + j) as lines, as many as gerbonara makes of it; shape (n, 4), mm."""
     r = hypot(i, j)
+    # gerbonara bounds the error by r (1 - sqrt(1 - sqrt(1/2))), so that no arc becomes less than a square
     error = min(ARC_ERROR_MM, r * 0.4588038998538031)
+    # counter-clockwise, G03; begin and end in one place mean a full turn in multi-quadrant mode, G75
     sweep = (atan2(y_end - y - j, x_end - x - i) - atan2(-j, -i)) % (2 * pi) or 2 * pi
+    # asin(sqrt(r^2 - (r - e)^2) / r) = acos(1 - e / r) is half of what a chord of error e subtends. gerbonara takes it for the
+    # whole, so its chords err by a quarter of e; the same number here makes the same polylines
     count = ceil(sweep / asin(sqrt(r**2 - (r - error) ** 2) / r))
     turns = [k * sweep / count for k in range(count + 1)]
+    # (i, j) points from the begin to the centre: the begin, rotated about the centre by t
     points = np.array([(x + i - i * cos(t) + j * sin(t), y + j - i * sin(t) - j * cos(t)) for t in turns])
     points[[0, -1]] = (x, y), (x_end, y_end)
     return np.concatenate([points[:-1], points[1:]], axis=1)
@@ -164,8 +177,10 @@ class _Reader:
         self.text = text = np.frombuffer(data, dtype=np.uint8)
         self.ends = np.flatnonzero(text == ord("\n"))
         self.begins = np.concatenate([[0], self.ends[:-1] + 1])
+        # clipped to the last byte for lines that end with the file
         first, second = text[self.begins], text[np.minimum(self.begins + 1, len(text) - 1)]
         third = text[np.minimum(self.begins + 2, len(text) - 1)]
+        # %T. and G04: nothing else begins with these letters in the writer's files
         self.is_attribute = ((first == ord("%")) & (second == ord("T"))) | (
             (first == ord("G")) & (second == ord("0")) & (third == ord("4"))
         )
@@ -188,6 +203,7 @@ class _Reader:
         return FormError(f"line {number + 1}, {shown(self.line(number).decode('ascii'))}, {why}")
 
     def read(self) -> Drawn:
+        # the header is the attributes before the first other line
         start = int(np.argmin(self.is_attribute))
         if tuple(map(self.line, range(start, min(start + len(_SETTINGS), len(self.ends))))) != _SETTINGS:
             raise FormError(f"line {start + 1} does not begin the writer's settings, {b' '.join(_SETTINGS).decode()}")
@@ -198,11 +214,13 @@ class _Reader:
         self._points()
         others = np.flatnonzero(~(self.is_attribute | self.is_point | self.is_select))
         others = others[(others >= first) & (others < last)]
+        # the aperture definitions bound which numbers a select may name at its place
         defined = np.array([i for i in others.tolist() if self.line(i).startswith(b"%ADD")], dtype=np.int64)
         self._select(defined)
         at = first
         for i in others.tolist():
             if i >= at:  # lines of a macro are read with its first one
+                # the point lines between two state lines are drawn at once, in arrays
                 self._run(at, i)
                 at = self._state(i) + 1
         self._run(at, last)
@@ -217,11 +235,14 @@ class _Reader:
     def _attributes(self, start: int) -> None:
         """Refuse what is no attribute, two ways to write them, and file attributes other than the header's and a signature."""
         if _ATTRIBUTE.sub(b"", self._lines_where(self.is_attribute)).strip(b"\n"):
+            # where the whole was wrong, the line is sought for the message alone
             right = np.searchsorted(self.begins, [found.start() for found in _ATTRIBUTE.finditer(self.data)])
             raise self.fail(int(np.setdiff1d(np.flatnonzero(self.is_attribute), right)[0]), _FOREIGN)
+        # first bytes of all attribute lines: '%' or 'G'
         if len(np.unique(self.text[self.begins[self.is_attribute]])) > 1:
             raise FormError("its attributes are written in two ways, as statements and as comments")
         found = [(match.start(), match[1]) for match in _FILE_ATTRIBUTE.finditer(self.data)]
+        # .MD5 is the last line but one, before M02 (5.6.9), and no part of the header
         if found and len(self.begins) > 1 and found[-1] == (self.begins[-2], b".MD5"):
             found.pop()
         header = [name for _, name in found]
@@ -233,10 +254,12 @@ class _Reader:
         self.point_lines = np.flatnonzero(self.is_point)
         self.centres: dict[int, tuple[int, int]] = {}
         points = self._lines_where(self.is_point)
+        # all lines fit and nothing is left over: the letters become blanks, and one call reads all numbers
         if not _PLAIN_POINT.sub(b"", points):  # no arcs
             values = np.fromstring(points.translate(_LETTERS_OF_POINTS), dtype=np.int64, sep=" ").reshape(-1, 3)
             self.xy, self.operation = values[:, :2], values[:, 2]
             return
+        # columns: x, y in nm, and the operation, 1 draw, 2 move, 3 flash
         values = np.empty((len(self.point_lines), 3), dtype=np.int64)
         done = 0
         for a in range(0, len(self.ends), _PIECE_LINES):
@@ -244,6 +267,7 @@ class _Reader:
             piece = self.data[self.begins[a] : self.ends[b - 1] + 1]
             rows = _POINT.findall(piece)
             wanted = np.flatnonzero(self.is_point[a:b]) + a
+            # findall passes over a line that does not fit; a set difference names the first of them
             if len(rows) != len(wanted):
                 right = {a + piece.count(b"\n", 0, found.start()) for found in _POINT.finditer(piece)}
                 raise self.fail(min(set(wanted.tolist()) - right), _FOREIGN)
@@ -267,16 +291,19 @@ class _Reader:
             wrong = next(i for i in lines.tolist() if not _SELECT.fullmatch(self.line(i)))
             raise self.fail(wrong, _FOREIGN)
         numbers = np.array(list(map(int, found)), dtype=np.int64)
+        # numbers run from 10 on without a gap, so those defined above a line are the first ones
         unknown = (numbers < 10) | (numbers >= 10 + np.searchsorted(defined, lines))
         if unknown.any():
             raise self.fail(int(lines[np.argmax(unknown)]), "takes an aperture that is not defined")
         self.select_lines = lines
+        # the last select before each point; -1 where there is none, which the appended _NONE answers
         last = np.searchsorted(lines, self.point_lines) - 1
         self.aperture = np.where(last >= 0, np.append(numbers, _NONE)[last], _NONE)
 
     def _run(self, begin: int, end: int) -> None:
         """Draw the points of these lines, between which the state does not change but for the aperture."""
         p, q = np.searchsorted(self.point_lines, (begin, end)).tolist()
+        # an aperture selected inside a region draws nothing there, and readers may differ on it: the writer has none
         if self.in_region and np.diff(np.searchsorted(self.select_lines, (begin, end)))[0]:
             raise self.fail(begin, "begins the lines of a region in which an aperture is taken")
         if p == q:
@@ -286,6 +313,7 @@ class _Reader:
         draws = operation == 1
         self._refuse(p, centred & ~draws, "is no move or flash")
         if self.in_region:
+            # the first point moves (D02), all others draw (D01): one contour, without arcs
             wrong = (operation == 3) | centred | (draws == (np.arange(q - p) == 0))
             self._refuse(p, wrong, "does not draw the one contour of a region")
             self.drawn.regions.append(xy)
@@ -297,13 +325,18 @@ class _Reader:
         moved = np.flatnonzero(~flashed)
         if not len(moved):
             return
+        # each draw starts at the point before it that moved or drew: the
+        # writer moves after a flash, which sets the current point, too
         before = np.concatenate([[self.pen or (0, 0)], xy[moved[:-1]]])
         drawn = draws[moved]
+        # with an arc mode on each draw has a centre, in linear mode none
         wrong = drawn & ((aperture[moved] == _NONE) | (centred[moved] != self.arc))
+        # the first draw needs a point to start from
         wrong[0] |= drawn[0] and self.pen is None
         self._refuse(p, np.isin(np.arange(q - p), moved[wrong]), "cannot draw here")
         self.pen = xy[moved[-1], 0].item(), xy[moved[-1], 1].item()
         rows = np.column_stack([before, xy[moved], aperture[moved]])[drawn]
+        # arcs are kept with the number of lines before them, to be put in their place among these
         if self.arc:
             for row, i in zip(rows.tolist(), self.point_lines[p:q][moved][drawn].tolist(), strict=True):
                 self.drawn.arcs.append((*row[:4], *self.centres[i], row[4], self.line_count))
@@ -326,6 +359,7 @@ class _Reader:
         elif (macro := _MACRO.fullmatch(line)) is not None and macro[1] not in self.macros:
             end, self.macros[macro[1]] = self._vertices(i)
             return end
+        # the two modes alternate, each said once
         elif line in (b"G03*", b"G01*") and self.arc is (line == b"G01*") and not self.in_region:
             self.arc = not self.arc
         elif line == b"G36*" and not self.in_region and not self.arc:
@@ -358,6 +392,7 @@ class _Reader:
         texts: Sequence[bytes] = [self.line(k) for k in range(i + 2, end)] if end < len(self.ends) else ()
         found = [_VERTEX.fullmatch(text) for text in texts]
         points = [(float(v[1]), float(v[2])) for v in found if v is not None]
+        # k vertices and the first once more, so that a triangle has four
         if count < 4 or len(points) < count or points[0] != points[-1] or self.line(end) != b"0*%":
             raise self.fail(i, "is no outline macro of the writer's")
         return end, tuple(value for point in points[:-1] for value in point)

@@ -196,7 +196,7 @@ def _anchor_gap(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
 def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
     """Legend and stencil."""
     if layout.tape.tag is not None:
-        # ink bleeds over an edge by bleed_mm: what is a cell wide as drawn may lose that at both sides
+        # ink spreads over each edge by bleed_mm: a free cell between two inked ones keeps cell - 2 bleed
         ink_mm, origin = layout.tape.tag.cell_mm - 2 * fab.legend.bleed_mm, fab.legend.origin
         passed = ink_mm >= fab.legend.line_mm - TOLERANCE_MM
         message = f"narrowest ink of the tag {ink_mm:.3f} mm {'meets' if passed else 'is below'} {fab.legend.line_mm:.3f} mm"
@@ -248,8 +248,7 @@ def _other_part(spec: TapeSpec, fab: FabProfile, fits: Callable[[PartProfile], b
 
 
 def _area_ratio(outline: FloatArray, fab: FabProfile) -> float:
-    # IPC-7525: area of the opening over area of its walls, A / (perimeter
-    # * thickness); paste sticks to the walls where it is small
+    # IPC-7525: area of the opening over that of its walls, perimeter times thickness; where it is small paste stays in it
     around = sum(hypot(*(b - a)) for a, b in zip(outline, [*outline[1:], outline[0]], strict=True))
     return float(area_mm2(outline) / (around * fab.stencil.thickness_mm))
 

@@ -132,7 +132,7 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
 def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Finding]:
     tape = layout.tape
     outlines = layout.outlines
-    # no shape of a part reaches further from its centre than the corner of its courtyard or opening
+    # the outer shapes of a part: the opening holds its pads, the courtyard its body
     part_reach = 2 * float(np.hypot(*np.maximum(reach_mm(outlines.courtyard), reach_mm(outlines.opening))))
     shifts, places = neighbours(tape, part_reach + max(limit.value_mm for limit in fab.limits.values()))
     if len(shifts) == 0:
