@@ -85,6 +85,7 @@ def _fab_zip(name: str, artifacts: Iterable[AnyArtifact]) -> Artifact:
     stream = io.BytesIO()
     date = zip_date()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
+        # names alone, without folders; sorted, so that the order does not depend on that of the renderers
         for artifact in sorted((a for a in artifacts if a.role in FAB_ZIP_ROLES), key=lambda a: a.path):
             archive.writestr(zip_entry(artifact.path.rsplit("/", 1)[-1], date), artifact.data)
     return Artifact(role="fab-zip", path=f"{name}-fab.zip", data=stream.getvalue())
@@ -126,6 +127,7 @@ def file_rows(artifacts: Iterable[AnyArtifact]) -> list[dict[str, Any]]:
         {
             "role": a.role,
             "path": a.path,
+            # a long file is made while it is written: its size and digest are not known before
             **({"bytes": None, "sha256": None} if isinstance(a, LongArtifact) else _digest([a.data])),
         }
         for a in sorted(artifacts, key=lambda a: a.path)
@@ -278,5 +280,6 @@ def write_kit(folder: Path, content: Mapping[str, Any], artifacts: Iterable[AnyA
                 rows[artifact.path].update(_digest(artifact.pieces(), stream.write))
             else:
                 stream.write(artifact.data)
+    # allow_nan=False: NaN and Infinity are no JSON (RFC 8259), and a reader would refuse the manifest
     text = json.dumps(content, indent=1, ensure_ascii=True, allow_nan=False)
     (folder / MANIFEST_NAME).write_text(text + "\n", encoding="ascii", newline="\n")

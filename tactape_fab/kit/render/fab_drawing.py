@@ -66,6 +66,7 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
             middle = ((field[0] + field[2]) / 2, (field[1] + field[3]) / 2)
             sheet.text(view(middle), str(number), size_mm=3.5, bold=True, align="middle")
     if len(drawing.parts_xy_mm) <= _MOST_BODIES and facts.panel is None:
+        # one outline at n places, shape (n, k, 2), drawn as one path
         sheet.outlines(view(drawing.parts[0].bodies.outline_mm + drawing.parts_xy_mm[:, None]), fill=_BODY, stroke=None)
     sheet.outlines([view(area) for area in drawing.legend.areas_mm], fill=0.15, stroke=None)
     sheet.strokes([view(stroke) for stroke in drawing.legend.strokes_mm], drawing.legend.line_mm * view.scale)
@@ -124,8 +125,10 @@ def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
     lands = first.pads.xy_mm.reshape(-1, 2, 2)[parts]
     sheet.outlines(view(first.pads.outline_mm + lands.reshape(-1, 1, 2)), fill=_COPPER, stroke=None)
     sheet.outlines(view(first.bodies.outline_mm + centres[:, None]), fill=_BODY, stroke=None)
+    # beside the long side of the part: half an opening and 2 mm of paper away
     across = rotate([(0.0, -1.0)], first.rotation_deg)[0] * (0.5 * drawing.outlines.opening_size_mm[1] * view.scale + 2.0)
     for part, centre, (land, _) in zip(parts, centres, lands, strict=True):
+        # out of the land's middle along the part, past the body
         sheet.circle(view(land + 0.3 * (land - centre)), 0.45, fill=1.0, width_mm=0.1)
         sheet.text(view(centre) + across, f"R{part + 1}", size_mm=1.8, align="middle")
     ways = "N, S, E or W" if facts.tape.directions == USUAL_DIRECTIONS else f"in one of {facts.tape.directions} directions"
@@ -137,6 +140,7 @@ def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
 def _grid(sheet: Sheet, facts: OrderFacts, low: FloatArray, high: FloatArray, view: View) -> None:
     """The lines of the grid in view, with its pitch."""
     size = min(PREVIEW_POINTS, facts.tape.columns), min(PREVIEW_POINTS, facts.tape.rows)
+    # the rows of a turned tape follow each other along x
     turned = facts.panel is not None and facts.panel.tapes[0].turned
     points = [_grid_point(facts, *((0, k) if turned else (k, 0))) for k in range(size[turned])]
     for x, _ in points:
@@ -149,6 +153,7 @@ def _grid(sheet: Sheet, facts: OrderFacts, low: FloatArray, high: FloatArray, vi
 
 def _corner_area(facts: OrderFacts) -> tuple[FloatArray, FloatArray]:
     """The lower left and upper right corner of the board's area with the first grid points, mm."""
+    # 0.65 of a pitch beyond the outermost points: room for displacement and body
     last = min(PREVIEW_POINTS, facts.tape.columns) - 0.35, min(PREVIEW_POINTS, facts.tape.rows) - 0.35
     ends = np.stack([_grid_point(facts, -0.65, last[1]), _grid_point(facts, last[0], -0.65)])
     return ends.min(axis=0), ends.max(axis=0)
@@ -161,6 +166,7 @@ def _grid_point(facts: OrderFacts, column: float, row: float) -> FloatArray:
     if facts.panel is None:
         return np.array([x, y])
     first = facts.panel.tapes[0]
+    # R_ccw(90 deg) of the board, as on the panel
     return np.asarray(np.array([-y, x] if first.turned else [x, y]) + np.array(first.offset_mm))
 
 
@@ -219,6 +225,7 @@ def _angle(sheet: Sheet, centre: FloatArray, radius_mm: float, angle_rad: float)
     steps = np.linspace(0.0, angle_rad, 25)
     arc = centre + radius_mm * np.stack([np.cos(steps), np.sin(steps)], axis=1)
     sheet.strokes([arc], 0.1)
+    # the tangent of the circle at the end of the arc: (-sin, cos)
     sheet.arrow(arc[-1], atan2(cos(angle_rad), -sin(angle_rad)))
     middle = centre + (radius_mm + 3.0) * np.array([cos(angle_rad / 2), sin(angle_rad / 2)])
     sheet.text(middle, f"{np.degrees(angle_rad):g}°", align="middle")
@@ -347,6 +354,7 @@ def _fitted(
     room = (box[2] - box[0], box[3] - box[1])
     largest = fill * min(room[0] / size_mm[0], room[1] / size_mm[1])
     fitting: Sequence[float] = [scale for scale in SCALES if scale <= largest]
+    # an enlargement has one decimal; an outline takes a scale that a ruler knows
     scale = floor(largest * 10) / 10 if exact else max(fitting, default=largest)
     at = (box[0] + (room[0] - scale * size_mm[0]) / 2, box[1] + (room[1] - scale * size_mm[1]) / 2)
     return View(scale=float(scale), at_mm=at, origin_mm=(float(origin_mm[0]), float(origin_mm[1])))

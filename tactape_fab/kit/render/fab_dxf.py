@@ -25,6 +25,7 @@ Tags = Iterator[tuple[int, str | int]]
 
 def render_fab_dxf(facts: OrderFacts, drawing: Drawing) -> tuple[Artifact]:
     """Layers of a tape or a panel in the board frame, mm; the same bytes every time."""
+    # group codes are right-aligned in three columns, values on lines of their own
     text = "".join(f"{code:3d}\n{value}\n" for code, value in _document(facts, drawing))
     return (Artifact(role="fab-dxf", path=f"{drawing.name}-drawing.dxf", data=text.encode("ascii")),)
 
@@ -61,8 +62,10 @@ def _document(facts: OrderFacts, drawing: Drawing) -> Tags:
 
 def _polyline(layer: str, line_mm: FloatArray, *, closed: bool = True) -> Tags:
     points = np.asarray(line_mm).round(6).tolist()
+    # the closing line is said by the flag (70, 1): a repeated vertex would be a line of no length
     if closed and points[0] == points[-1]:
         points.pop()
+    # 66: vertices follow; 10, 20, 30 of the polyline itself are a dummy point, always 0
     yield from ((0, "POLYLINE"), (8, layer), (66, 1))
     yield from _point(0.0, 0.0)
     yield 70, int(closed)

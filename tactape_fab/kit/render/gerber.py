@@ -28,6 +28,7 @@ def _apertures(gerber: GerberText, name: str, flashes: Sequence[Flashes], functi
     """The aperture of each tape's flashes; those of one outline share it: two at most, as tapes lie turned or not."""
     known: dict[bytes, str] = {}
     for of in flashes:
+        # outlines of equal parts are equal numbers; rounded, as a last bit must not make an aperture of its own
         if (key := of.outline_mm.round(9).tobytes()) not in known:
             known[key] = gerber.outline(f"{name}TURNED" if known else name, of.outline_mm, function)
     return [known[of.outline_mm.round(9).tobytes()] for of in flashes]
@@ -50,14 +51,17 @@ def render_copper(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     named = gerber.attribute_line("TO.P,R%d,%d")
     first, before = 0, ""
     for parts, aperture in zip(drawing.parts, apertures, strict=True):
+        # an aperture is selected where it changes: the attributes between do not undo it
         gerber.add(*[f"{aperture}*"] * (aperture != before))
         pad = np.arange(first, first + len(parts.pads.xy_mm))
         if named:
+            # pads come in pairs: component pad // 2 + 1, pin pad % 2 + 1
             values = np.column_stack([pad // 2 + 1, pad % 2 + 1, to_nm(parts.pads.xy_mm)])
             gerber.rows(f"{named}X%dY%dD03*\n", values)
         else:
             gerber.rows("X%dY%dD03*\n", to_nm(parts.pads.xy_mm))
         first, before = first + len(pad), aperture
+    # fiducials and anchors belong to no net and no part
     gerber.delete_attributes()
     if drawing.anchors is not None:
         gerber.add(f"{gerber.circle(drawing.anchors.web_mm, 'Conductor')}*")
@@ -104,8 +108,10 @@ def render_profile(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     gerber = GerberText(drawing.project, fab.x2, "Profile,NP")
     gerber.add(f"{gerber.circle(OUTLINE_LINE_MM, 'Profile')}*")
     (width, height), radius = to_nm(drawing.size_mm).tolist(), int(to_nm(drawing.corner_radius_mm))
+    # begin and end are the same text, so that the outline is closed to the last digit, whatever a reader does with it
     start = f"X{radius}Y0"
     gerber.add(f"{start}D02*")
+    # a straight side, then a quarter turn counter-clockwise; I and J lead from the arc's begin to its centre
     sides = (
         (f"X{width - radius}Y0", f"X{width}Y{radius}I0J{radius}"),
         (f"X{width}Y{height - radius}", f"X{width - radius}Y{height}I-{radius}J0"),
@@ -114,6 +120,8 @@ def render_profile(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     )
     for line, arc in sides:
         gerber.add(f"{line}D01*")
+        # an arc of radius 0 would end where it begins, which is a full
+        # turn with G75; the mode goes back to linear for what follows
         if radius:
             gerber.add("G03*", f"{arc}D01*", "G01*")
     for slot in drawing.slots_mm:

@@ -32,6 +32,7 @@ class GerberText:
         self._attribute(f"TF.Part,{project.part}")
         self._attribute(f"TF.FileFunction,{file_function}")
         self._attribute(f"TF.FilePolarity,{polarity}")
+        # 4 and 6 digits of a millimetre: coordinates are whole nanometres
         self.add("%FSLAX46Y46*%", "%MOMM*%", "%LPD*%", "G75*", "G01*")
 
     def add(self, *lines: str) -> None:
@@ -66,12 +67,14 @@ class GerberText:
         """An outline macro and its aperture (Gerber 2024.05 section 4.5.1.6, primitive 4)."""
         closed = np.concatenate([vertices_mm, vertices_mm[:1]])
         points = ",\n".join(f"{x:.6f},{y:.6f}" for x, y in closed)
+        # a negative zero is no other number, but another text: equal outlines must be equal bytes
         self.add(f"%AM{name}*", f"4,1,{len(vertices_mm)},\n{points},\n0*%".replace("-0.000000", "0.000000"))
         return self._define(name, function)
 
     def _define(self, shape: str, function: str) -> str:
         code = f"D{self._next_aperture}"
         self._next_aperture += 1
+        # aperture attributes go before the definition that they belong to, and off again after it
         self._attribute(f"TA.AperFunction,{function}")
         self.add(f"%AD{code}{shape}*%")
         self.delete_attributes()

@@ -58,6 +58,7 @@ def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[LongArtifact, Artif
 def _board(drawing: Drawing) -> Iterator[bytes]:
     pieces = (_head, _footprints, _marks, _holes, _drawings, _copper)
     lines = chain(*(piece(drawing) for piece in pieces), [")"])
+    # pieces of a thousand lines: a board of 200,000 parts is never in memory as a whole
     while some := list(islice(lines, _PIECE_LINES)):
         yield "\n".join([*some, ""]).encode("utf-8")
 
@@ -126,6 +127,7 @@ def _footprint(drawing: Drawing, parts: Parts) -> str:
     part, turn = drawing.part, _number(parts.rotation_deg)
     body, courtyard = part.body_mm, part.courtyard_mm
     lines = [
+        # KiCad wants an identifier for each footprint: the part's number in hexadecimal, so that the same board is the same bytes
         f'  (footprint {_text(_for_format(f"tactape:{part.footprint}"))} (layer "F.Cu") (tstamp 00000000-0000-4000-8000-%011x0)',
         f"    (at %.10g %.10g {turn}) (attr smd)",
         _hidden_text("reference", "R%d", turn),
@@ -133,9 +135,11 @@ def _footprint(drawing: Drawing, parts: Parts) -> str:
         _rectangle(body[:2], "F.Fab", _FAB_LINE_MM, "none"),
         _rectangle(courtyard, "F.CrtYd", _COURTYARD_LINE_MM, "none"),
         *(_pad(number, "F.Cu", part.pads, turn, k) for k, number in enumerate("12")),
+        # paste in pads of their own without number: its openings are smaller than the lands, and lie elsewhere
         *(_pad("", "F.Paste", part.paste, turn, k) for k in range(2)),
     ]
     if parts.openings is not None:
+        # the mask's opening as a drawn rectangle: one for both pads, which a margin of the pads would not give
         lines.append(_rectangle(drawing.outlines.opening_size_mm, "F.Mask", 0.0, "solid"))
     return "\n".join([*lines, "  )"])
 
@@ -153,7 +157,9 @@ def _rectangle(size_mm: tuple[float, float], layer: str, line_mm: float, fill: s
 
 def _pad(number: str, layer: str, land: LandPattern, turn: str, k: int) -> str:
     x = -land.offset_mm if k == 0 else land.offset_mm
+    # the corner's radius over the shorter side
     ratio = land.corner_radius_mm / min(land.size_mm)
+    # KiCad stores the angle of a pad as that on the board, the place as that in the footprint
     shape = f"roundrect (at {_number(x)} 0 {turn})" if ratio > 0 else f"rect (at {_number(x)} 0 {turn})"
     corner = f" (roundrect_rratio {_number(ratio)})" if ratio > 0 else ""
     size = " ".join(_number(side) for side in land.size_mm)
@@ -180,6 +186,7 @@ def _marks(drawing: Drawing) -> Iterable[str]:
     """Fiducials of the rails, bare copper in a wider opening."""
     if drawing.fiducials is None:
         return
+    # the mask's margin of the pad, and its clearance: no other copper may lie in the opening
     margin = _number((drawing.fiducials.opening_mm - drawing.fiducials.copper_mm) / 2)
     lines = [
         '  (footprint "tactape:Fiducial" (layer "F.Cu") (tstamp {stamp:s}0)',
@@ -224,11 +231,13 @@ def _drawings(drawing: Drawing) -> Iterable[str]:
 def _edges(drawing: Drawing) -> Iterable[str]:
     """The outline as lines and true arcs, and what is cut out of it as lines."""
     (width, height), r = drawing.size_mm, drawing.corner_radius_mm
+    # of a quarter circle: the corner less r (1 - sqrt(1/2)) along both axes
     middle = r * (1.0 - sqrt(0.5))
     starts = [(r, 0.0), (width, r), (width - r, height), (0.0, height - r)]
     ends = [(width - r, 0.0), (width, height - r), (r, height), (0.0, r)]
     middles = [(width - middle, middle), (width - middle, height - middle), (middle, height - middle), (middle, middle)]
     end = f'(layer "Edge.Cuts") (width {_number(_EDGE_LINE_MM)}))'
+    # KiCad 6 gives an arc by start, middle and end; a side and the corner after it, counter-clockwise
     for k in range(4):
         (a, b), (c, d), (e, f), (g, h) = _sheet(drawing, np.array([starts[k], ends[k], middles[k], starts[(k + 1) % 4]])).tolist()
         yield f"  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) {end}"

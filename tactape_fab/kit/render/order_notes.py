@@ -13,6 +13,7 @@ from tactape_fab.kit.order_facts import OrderFacts
 from tactape_fab.kit.profiles import COSTS, Assumption, Ordering
 from tactape_fab.texture.cpl import PLACEMENTS
 
+# 1 oz of copper on a square foot is about 35 um thick
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
 
 
@@ -69,6 +70,7 @@ def _reels(order: Ordering, parts: int) -> str:
     """How many reels hold so many parts."""
     if order.reel is None:
         return ""
+    # the range of parts on a reel turned over: many on each, few reels
     fewest, most = ceil(parts / order.reel.value), ceil(parts / max(order.reel.least, 1.0))
     return f"; {fewest} reel{'s' * (fewest > 1)}" if fewest == most else f"; {fewest} or {most} reels"
 
@@ -80,11 +82,13 @@ def _environment(folder: Path) -> Any:
 
     environment = Environment(
         loader=FileSystemLoader(folder),
+        # a name that a template misspells is an error, not a gap in the notes
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,
+        # every value of a profile or a name comes from a user: it cannot break out of its line
         finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
     )
     environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")

@@ -59,12 +59,14 @@ class Sheet:
         self._bytes = io.BytesIO()
         self.size_mm = size_mm
         width, height = (side * POINTS_PER_MM for side in size_mm)
+        # invariant: no date and no random identifier of ReportLab's own
         self._canvas: Any = Canvas(self._bytes, pagesize=(width, height), invariant=1, pageCompression=1, initialFontName=REGULAR)
         date = build_date()  # ReportLab would take the environment's, in the file's ID as well, also where a kit is made again
         self._canvas._doc.signature = hashlib.md5(title.encode(), usedforsecurity=False)
         self._canvas.setDateFormatter(lambda *_: f"D:{date:%Y%m%d%H%M%S}+00'00'")
         self._canvas.setTitle(title)
         self._canvas.setCreator("tactape-fab")
+        # from here on a unit of the canvas is a millimetre; PDF's is 1/72 inch
         self._canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
         self._canvas.setLineJoin(1)
 
@@ -121,6 +123,7 @@ class Sheet:
         path = self._canvas.beginPath()
         if len(lines_mm):
             points = np.concatenate([np.asarray(line, dtype=float) for line in lines_mm])
+            # m begins a polyline, l draws on, h closes it (ISO 32000-1, operators of path construction)
             form = " ".join("%.4f %.4f m" + " %.4f %.4f l" * (len(line) - 1) + end for line in lines_mm)
             path._code.append("n " + form % tuple(points.ravel().tolist()))
         self._canvas.drawPath(path, stroke=int(stroke), fill=int(fill))
@@ -182,6 +185,7 @@ class Sheet:
     def arrow(self, tip: Point | FloatArray, direction_rad: float, size_mm: float = ARROW_MM) -> None:
         """A filled arrowhead that points in `direction_rad`."""
         spread = 0.16
+        # arms 0.16 rad to each side: an arrowhead about a third as wide as long
         ends = [(cos(direction_rad + side) * size_mm, sin(direction_rad + side) * size_mm) for side in (-spread, spread)]
         self.outlines([np.array([tip, *[(tip[0] - dx, tip[1] - dy) for dx, dy in ends]], dtype=float)], fill=0.0, stroke=None)
 
@@ -190,11 +194,14 @@ class Sheet:
         along = np.asarray(end, dtype=float) - start
         length = hypot(*along)
         unit = along / length
+        # to the left: the direction turned by 90 degrees
         across = np.array([-unit[1], unit[0]])
         first, second = start + across * away_mm, end + across * away_mm
+        # extension lines begin off the object and end past the dimension line
         reach = across * np.sign(away_mm) * _EXTENSION_MM
         for point, tip in ((start, first), (end, second)):
             self.line(point + reach * 0.8, tip + reach, 0.1)
+        # where two arrowheads do not fit between the extension lines they stand outside and point inward
         outside = length < 2.6 * ARROW_MM
         angle = atan2(unit[1], unit[0])
         self.arrow(first, angle if outside else angle + np.pi)
@@ -202,6 +209,7 @@ class Sheet:
         stretch = unit * 2 * ARROW_MM if outside else np.zeros(2)
         self.line(first - stretch, second + stretch, 0.1)
         turn = degrees(angle)
+        # readable from below or from the right: angles in (-90, 90]
         turn = turn - 180.0 if turn > 90.0 + 1e-9 else turn + 180.0 if turn <= -90.0 + 1e-9 else turn
         upward = np.array([-sin(np.radians(turn)), cos(np.radians(turn))])
         self.text((first + second) / 2 + upward * 0.75 * size_mm, words, size_mm=size_mm, align="middle", turn_deg=turn)

@@ -34,11 +34,14 @@ def render_placement_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) 
     files = {artifact.role: artifact.data for artifact in artifacts if isinstance(artifact, Artifact)}
     cpl = read_cpl(files["cpl"])
     copper, coverlay = read_shapes(files["copper-top"]), read_shapes(files["coverlay-top"])
+    # the nearest part to the first gives the scale, as the files name no pitch; a single part is shown 2 mm wide
     away = np.hypot(*(cpl.xy_mm - cpl.xy_mm[0]).T)
     pitch_mm = float(away[away > 0.0].min(initial=np.inf)) if len(away) > 1 else 2.0
     side_mm = SHOWN_PITCHES * min(pitch_mm, 20.0)
+    # the first part is the upper left one: the view reaches three quarters of a pitch beyond it to the left and above
     low = cpl.xy_mm[0] + np.array([-0.75 * pitch_mm, 0.75 * pitch_mm - side_mm])
     high = low + side_mm
+    # a part whose centre is a little outside may reach into view
     shown = np.flatnonzero(((cpl.xy_mm > low - _BESIDE_MM) & (cpl.xy_mm < high + _BESIDE_MM)).all(axis=1))
     body = np.array(first_body_mm(files["components-top"]))
     film, _ = COVERLAY_COLOURS[fab.coverlay_colour]

@@ -66,6 +66,7 @@ def stamps(content: GerberShapes) -> tuple[tuple[FloatArray, FloatArray], ...]:
 
 def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes], FloatArray]:
     """All shapes from the film upward, and the board's outline."""
+    # the outline is written first in the profile layer
     outline, *slots = read_shapes(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[fab.coverlay_colour]
     openings, copper = read_shapes(files["coverlay-top"]), read_shapes(files["copper-top"])
@@ -102,6 +103,7 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
 def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
     """Stiffener and adhesive under the film, drawn as rims around it, the one farthest from the film widest."""
     given = [role for role in ("adhesive-bottom", "stiffener-bottom") if role in files]
+    # from the lowest up: the adhesive is drawn first, and its wider rim shows round the stiffener
     for place, role in enumerate(given):
         rim_mm = _RIM_MM * (len(given) - place)
         areas = read_shapes(files[role]).areas_mm
@@ -115,6 +117,7 @@ def body_outline(components: bytes) -> FloatArray:
 
 
 def terminals_of(body: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # the corner (+, +) of the rectangle
     length, width = body[1]
     inner = length * (1 - 2 * _TERMINAL_SHARE)
     end = np.array([(length, -width), (length, width), (inner, width), (inner, -width)])
@@ -198,11 +201,13 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     import cv2
 
     extent_mm = size_mm + 2 * MARGIN_MM
+    # a picture of at most 6000 px is scaled down, and a large one is not oversampled beyond that either
     px_per_mm = min(PX_PER_MM, MOST_PX / float(extent_mm.max()))
     finer = max(1, min(OVERSAMPLING, int(MOST_PX / (float(extent_mm.max()) * px_per_mm))))
     width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
     image = np.empty((height * finer, width * finer, 3), dtype=np.uint8)
     cv2.rectangle(image, (0, 0), (width * finer, height * finer), _bgr(_BACKGROUND), cv2.FILLED)  # np.full is slow
+    # OpenCV takes coordinates in 1/16 px with `shift` 4; LINE_8 at three times the size and INTER_AREA make edges soft
     one = 1 << _SUB_PIXEL_BITS
 
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:

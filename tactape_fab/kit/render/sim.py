@@ -39,14 +39,17 @@ def render_sim(tape: Tape, form: SolidForm | None, fab: FabProfile | None) -> li
     relief, smooth = relief_of(tape), relief_of(tape, _MOST_NORMAL_PX)
     colour = None if fab is None else png_bytes(film_picture(tape, fab))
     normal = png_bytes(smooth.normals())
+    # PNG's pHYs counts pixels a metre
     px_per_m = round(1000 * relief.px_per_mm)
     facts = {
         "units": {"length": "m", "mass": "kg"},
         "heightfield": {
             "file": f"{tape.name}-height.png",
             "metres_per_pixel": 1e-3 / relief.px_per_mm,
+            # 16 bits over the relief's height
             "metres_at_65535": 1e-3 * relief.top_mm,
             "size_px": [relief.height.shape[1], relief.height.shape[0]],
+            # the middle of pixel (0, 0), which is the upper left one: x right, y up from the board's lower left corner
             "first_pixel_m": [0.5e-3 / relief.px_per_mm, 1e-3 * tape.board.size_mm[1] - 0.5e-3 / relief.px_per_mm],
             "surface": "plane" if shape is None or shape.cylinder is None else "the board before it is wrapped",
         },
@@ -94,7 +97,9 @@ def film_picture(tape: Tape, fab: FabProfile) -> Picture:
     picture[:] = rgb8(COVERLAY_COLOURS[fab.coverlay_colour][0])
     half_mm = tape.part.body_mm[0] * (0.5 - _TERMINAL_SHARE)
     for v, u, offset_mm in stamps(tape, px_per_mm, shape):
+        # pixels that a body's foot covers
         on = element_height_mm(tape.part, offset_mm) > 0
+        # along the part in its own frame: beyond this a terminal
         end = np.abs(rotate(offset_mm[on], -tape.part.rotation_deg)[:, 0]) > half_mm
         picture[v[on], u[on]] = np.where(end[:, None], rgb8(TERMINAL), rgb8(BODY))
     if tape.tag is not None:
@@ -106,6 +111,7 @@ def _print_tag(picture: Picture, tag: Tag, px_per_mm: float, height_mm: float, f
     """The tag's ink: its light cells where the legend is white, its dark ones where it is black."""
     v, u = np.mgrid[: picture.shape[0], : picture.shape[1]]
     board: FloatArray = np.stack([(u + 0.5) / px_per_mm, height_mm - (v + 0.5) / px_per_mm], axis=2)
+    # board to tag: turned back, in cells, rows down from the upper edge, the origin from the centre to the corner
     cell = rotate(board - tag.center_mm, -tag.rotation_deg) / tag.cell_mm * (1, -1) + SIDE_CELLS / 2
     on = ((cell >= 0) & (cell < SIDE_CELLS)).all(axis=2)
     column, row = cell[on].astype(np.int64).T

@@ -63,9 +63,13 @@ def _drawing(mesh: Mesh, tape: Tape, form: SolidForm) -> tuple[list[FloatArray],
     height_mm = tape.part.body_mm[2]
     flat = unwrapped(mesh.vertices_mm, tape, form)
     level = flat[:, 2][mesh.faces]
+    # level: heights of each triangle's corners over the surface, shape (m, 3). Back and sides of a mould, which is turned over,
+    # reach to height + base: they are no element
     below_base = level.max(axis=1) < height_mm + form.base_mm / 2
+    # an element's triangles rise above the surface somewhere and go nowhere below it, within the rounding of single precision
     element = below_base & (level.max(axis=1) > min(_LEVEL_MM, height_mm / 2)) & (level.min(axis=1) > -_LEVEL_MM)
     low = flat[:, 2] < _LEVEL_MM
+    # x and y of the developed surface as seen from above: a mould is turned over, which mirrors it
     seen = flat[:, :2] @ world(form)[:2, :2].T
     feet = [seen[loop] for loop in boundary_loops(mesh.faces[element], low)]
     if form.cylinder is not None:
@@ -80,15 +84,19 @@ def boundary_loops(faces: IntArray, among: BoolArray) -> list[IntArray]:
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     between = among[start] & among[end]
     start, end = start[between], end[between]
+    # an edge as one number, smaller vertex first: both directions of an edge are then equal
     edge = np.minimum(start, end) << 32 | np.maximum(start, end)
     order = np.argsort(edge)
+    # in sorted order an edge is single where it differs from the one before and from the one after
     apart = np.concatenate([[True], np.diff(edge[order]) != 0, [True]])
     outer = order[apart[1:] & apart[:-1]]  # edges of one face only
+    # faces keep one sense, so that each boundary vertex has one successor
     following = dict(zip(start[outer].tolist(), end[outer].tolist(), strict=True))
     loops = []
     while following:
         first, at = following.popitem()
         loop = [first]
+        # at a vertex where two loops touch the dictionary keeps one successor only: the loop ends there
         while at != first and at in following:
             loop.append(at)
             at = following.pop(at)
