@@ -232,11 +232,13 @@ def panel_order_facts(
     """Gather the facts of a panel's order; `artifacts` are its own files, `layouts` in the order of `Panel.offsets_mm`."""
     facts = order_facts(layouts[0], fab, findings, artifacts)
     counts = [layout.tape.part_count for layout in layouts]
+    # designators run on through the tapes: the last number of each tape
     last = np.cumsum(counts).tolist()
     holes = [hole[2] for layout in layouts for hole in layout.tape.board.holes]
     made, turned = [_made(layout) for layout in layouts], [place.turned for place in panel.places]
     ways = dict.fromkeys(way for _, way, _ in made)
     rotation_deg = layouts[0].tape.part.rotation_deg
+    # the first part of the first tape and the last of the last one
     ends = [panel.places[i].on_panel_mm(layouts[i].parts_xy_mm[i]) for i in (0, -1)]
     return replace(
         facts,
@@ -250,6 +252,7 @@ def panel_order_facts(
         anchors=" or ".join(dict.fromkeys(anchors for _, _, anchors in made if anchors != "none")) or "none",
         pitch_words=_either(layout.tape.pitch_mm for layout in layouts),
         displacement_words=_either(layout.tape.displacement_mm for layout in layouts),
+        # parts of a turned tape lean 90 degrees on; where all are turned that is the usual way
         slash=_slash(rotation_deg + 90.0 * all(turned)),
         turned_slash=_slash(rotation_deg + 90.0) if any(turned) and not all(turned) else "",
         rotation_deg=(rotation_deg + 90.0 * all(turned)) % 360.0,
@@ -293,11 +296,13 @@ def _either(values: Iterable[float]) -> str:
 
 
 def _on_panel(box: Box, place: Place) -> Box:
+    # a turn by 90 degrees exchanges the corners' coordinates: the box is sorted anew
     a, b = place.on_panel_mm(np.array(box[:2])), place.on_panel_mm(np.array(box[2:]))
     return min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
 
 
 def _slash(rotation_deg: float) -> str:
+    # one of four signs, the nearest of 0, 45, 90 and 135 degrees; a chip looks the same after half a turn
     return "-/|\\"[round(rotation_deg % 180.0 / 45.0) % 4]
 
 
@@ -316,6 +321,7 @@ def _field(layout: Layout) -> Box:
     low, high = xy.min(axis=0) - reach, xy.max(axis=0) + reach
     if layout.window_mm is not None:
         low, high = np.minimum(low, layout.window_mm.min(axis=0)), np.maximum(high, layout.window_mm.max(axis=0))
+    # outward to tenths: what is printed as the field holds every opening
     low, high = np.floor(low * _TENTHS) / _TENTHS, np.ceil(high * _TENTHS) / _TENTHS
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
@@ -327,15 +333,19 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
         return None
     half_mm = SIDE_CELLS * tape.tag.cell_mm / 2
     right_mm = min(tape.tag.center_mm[0] + half_mm, field_left_mm - _INK_CLEAR_MM)
+    # intervals of y that are inked anywhere in the strip: tag, then each stroke of the label
     inked = [(tape.tag.center_mm[1] - half_mm, tape.tag.center_mm[1] + half_mm)]
     inked += [(float(stroke[:, 1].min()), float(stroke[:, 1].max())) for stroke in legend.strokes_mm]
+    # sorted by their lower ends, with the board's edges as intervals of no length at both ends
     ends = np.array(sorted([(edge_mm, edge_mm), *inked, *[(tape.board.size_mm[1] - edge_mm,) * 2]]))
+    # the highest end so far: nested and overlapping intervals leave no gap between them
     tops = np.maximum.accumulate(ends[:, 1])
     gaps = [(low + _INK_CLEAR_MM, high - _INK_CLEAR_MM) for low, (high, _) in zip(tops[:-1], ends[1:], strict=True)]
     low, high = max(gaps, key=lambda gap: gap[1] - gap[0])
     left_mm = max(edge_mm, _INK_CLEAR_MM)
     if high - low < _LEAST_AREA_MM or right_mm - left_mm < _LEAST_AREA_MM:
         return None
+    # inward to tenths, as the notes print them
     x0, y0 = (ceil(value * _TENTHS) / _TENTHS for value in (left_mm, low))
     x1, y1 = (floor(value * _TENTHS) / _TENTHS for value in (right_mm, high))
     return x0, y0, x1, y1
@@ -346,6 +356,7 @@ def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, 
     tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
     origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
     origins += [table.origin for table in tables if table is not None]
+    # findings carry the source of a limit, not its date
     dates = {origin.source: origin.date for origin in origins}
     return tuple(
         Question(rule=f.rule, message=f.message, source=f.source, date=dates.get(f.source, "no date"))
@@ -367,6 +378,7 @@ def estimate(parts: int, fab: FabProfile) -> Estimate:
             count=count,
             cost=(least_once + count * least_each, once + count * each),
             boards=None if order.board is None else (count * order.board.least, count * order.board.value),
+            # rounded before ceil: 100 * 1.1 is 110.00000000000001
             parts=None if order.attrition is None else ceil(round(count * parts * (1.0 + order.attrition.value), 6)),
         )
         for count in TAPES_AN_ORDER

@@ -50,10 +50,12 @@ def _refuse_foreign(target: Path, *, edits: bool) -> None:
         listed = _listed(target, "")
     except SpecError as error:
         raise SpecError(f"output = {shown_path(target)} is no kit of this tool ({error}); {remedy}") from None
+    # a folder is listed if a listed file lies below it
     folders = {str(parent) for path in listed for parent in PurePosixPath(path).parents}
     edited = []
     for place in sorted(target.rglob("*")):
         path = place.relative_to(target).as_posix()
+        # a link to a folder is a file that the manifest does not list
         is_folder = place.is_dir() and not place.is_symlink()
         if path not in (folders if is_folder else listed):
             what = "the folder " if is_folder else ""
@@ -77,6 +79,7 @@ def _as_written(place: Path, sha256: str | None) -> bool:
         digest = sha256_of(place)
     except OSError:
         return False
+    # a link is not what was written even where it leads to the same bytes
     return place.is_file() and not place.is_symlink() and digest == sha256
 
 
@@ -90,6 +93,7 @@ def _listed(folder: Path, within: str, digest: str | None = None) -> dict[str, s
     listed: dict[str, str | None] = {f"{within}{row.get('path')}": str(row.get("sha256")) for row in rows}
     listed[f"{within}{MANIFEST_NAME}"] = digest
     listed[f"{within}{SIGNATURE_NAME}"] = None
+    # kits on a panel are not panels themselves: `within` ends the recursion after one level
     if is_panel(content) and not within:
         for placed in read_placed(Fields(content)):
             place = PurePosixPath(placed.manifest).parent

@@ -84,6 +84,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         )
         for sector, trial in enumerate(wanted, start=first_sector)
     )
+    # the first sheet is the fullest: tapes that do not fit on it are left out, and said
     _, (packed, *others) = pack_panels([(TAPE_MM, tape.tape.board.corner_radius_mm) for tape in tapes], fab)
     trials = tuple(
         Trial(
@@ -132,6 +133,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
         placing = Placing(rotation_deg=_ROTATION_DEG, displacement_mm=displacement_mm, directions=4)
         found = film_pitch_mm(rule, limit_mm, opened, part, placing)
         assert found is not None, rule  # at 45 degrees spurs and mesh have a pitch
+        # up to a micrometre, so that the gap is met as drawn; rounded first, as in `whole_um_up`
         return ceil(round(found * 1000.0, 3)) / 1000.0
 
     if mode != "gang":
@@ -145,6 +147,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
                 displacement_mm=_DISPLACEMENT_MM,
                 coverlay=mode,
             )
+        # the same bridge at a smaller Δ: W and Δ differ, the limit does not
         yield _Wanted(
             tests="opening-bridge",
             value_mm=bridge_mm,
@@ -154,6 +157,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
         )
         for anchor in ("spur", "mesh"):
             copper_mm = fab.limits["pad-pad"].value_mm
+            # anchors are tested at the whole bridge, so that what fails is the anchor
             wide_mm = max(
                 pitch_mm("opening-bridge", bridge_mm, _DISPLACEMENT_MM), pitch_mm(f"anchor-{anchor}", copper_mm, _DISPLACEMENT_MM)
             )
@@ -166,6 +170,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
                 anchor=anchor,
             )
     if "gang" in fab.coverlay_modes:
+        # one window has no bridge to be tested: the usual grid, and one at a smaller Δ
         for wide_mm, displacement_mm in ((1.5, _DISPLACEMENT_MM), (1.32, _SMALL_MM)):
             yield _Wanted(tests="gang", value_mm=None, pitch_mm=wide_mm, displacement_mm=displacement_mm, coverlay="gang")
 

@@ -56,6 +56,7 @@ class ExaminedPanel:
     def findings(self) -> tuple[Finding, ...]:
         """Every design rule once, with the figure of its worst tape; assembly rules are measured on the panel."""
         parts = sum(tape.tape.part_count for tape in self.tapes)
+        # the line is given the panel, so number of parts and size are the panel's
         of_panel = {f.rule: f for f in assembly_findings(self.panel.size_mm, parts, self.fab, "panel")}
         worst: dict[str, Finding] = {}
         for finding in (f for tape in self.tapes for f in tape.findings):
@@ -101,6 +102,7 @@ def examine_order(
     tape_values = {key: value for key, value in values.items() if key not in PANEL_KEYS}
     spec, _ = read_spec({"sector": 0, **tape_values})
     request, problems = read_panel_request(values, films=spec.fab is not None)
+    # a fab that cannot be read is told by `examine`, once
     fab = None if spec.fab is None else tried(lambda: load_fab(str(spec.fab)), [])
     if request.wished and spec.fab is None:
         message = f"panel = '{values['panel']}' is of films with parts, but part = '{spec.part}' is printed or milled; "
@@ -125,6 +127,7 @@ def examine_order(
     try:
         base = examine(base_values, output=place, overwrite=overwrite, known=problems)
     except SpecError as error:
+        # one tag for all tapes is told by the panel; the tape's own sentence on the same id would say it twice
         of_tape = [p for p in error.problems if p.root != "tag_id" or all(q.root != "tag_id" for q in of_panel)]
         raise refusal([*of_tape, *sound(of_panel, of_tape)], error.findings) from None
     if alone:
@@ -149,6 +152,7 @@ def takes_panel(values: Mapping[str, Any]) -> tuple[bool, str]:
     fitting = arrangements(spec.size_mm, fab)
     if not fitting:
         return False, _no_panel(spec.size_mm, fab)
+    # numbers of tapes that fill a panel, the nearest to what was asked first
     counts = sorted({columns * rows for columns, rows in fitting}, key=lambda n: abs(n - len(request.sectors or ())))
     if len(request.sectors) in counts:
         return True, ""

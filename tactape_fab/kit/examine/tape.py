@@ -161,10 +161,12 @@ def examine(
     planned, tape, search = _planned(spec, profiles, avoid, problems)
     if tape is None:
         raise refusal(problems)
+    # with other elements than those asked for no rule says anything of the tape
     measurable = {problem.root for problem in problems}.isdisjoint(ELEMENT_KEYS)
     spec, resized = planned, planned.size_mm != spec.size_mm
     film, findings = _measured(spec, tape, profiles, problems, resized=resized)
     if problems:
+        # places on a board that is only a substitute mean nothing: at_mm is left out
         raise refusal(problems, [replace(f, at_mm=None) for f in findings if f.blocks and measurable])
     certificate = certify(tape)
     findings += _beside(spec, tape, profiles, avoid)
@@ -189,6 +191,7 @@ def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Probl
     if not isinstance(given, Mapping):
         message = f"spec = {shown(given)} is no TapeSpec; give one, such as TapeSpec(sector=7)"
         raise SpecError([*problems, Problem("spec", message)])
+    # sector and origin are chosen among the tapes to avoid, so neither has to be given
     if avoid:
         values = {"sector": 0, **({"origin": BEST} if has_plane(values.get("code")) else {}), **values}
     spec, refused = read_spec(values)
@@ -224,6 +227,7 @@ def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profil
     if isinstance(part, PartProfile) and fab is not None:
         found = film_problems(spec, fab, part)
         problems += sound([replace(problem, needs=("fab",)) for problem in found], problems)
+        # refused options go back to their defaults, so that the others are still examined
         spec = spec.but(**{problem.root: DEFAULTS[problem.root] for problem in found})
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
         if spec.part_number is not None:
@@ -266,6 +270,7 @@ def _free_sector(spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape]) -> i
     """
     if not has_plane(spec.code):
         used = {t.sector for t in avoid if t.code == spec.code} | {t.tag.id for t in avoid if t.tag is not None}
+        # the least free number: n used ones leave one below n + 1 free
         return min(set(range(len(used) + 1)) - used)
     return choose_sector(get_plane(spec.code), profiles.plan(spec).placed, avoid)
 
@@ -288,6 +293,7 @@ def _planned(
     except SpecError as error:
         problems += sound(error.problems, problems)
         refused = {problem.root for problem in error.problems}
+    # what was refused of the board is replaced by what holds in any case; the rest stays as the user has it
     board = {"holes_mm": (), "corner_radius_mm": 0.0, "size_mm": DEFAULT_SIZE_MM}
     board = board if "size_mm" in refused else {key: value for key, value in board.items() if key in refused}
     spec = spec.but(**board, code=DEFAULT_CODE, sector=0, origin=(0, 0), directions=USUAL_DIRECTIONS)
@@ -324,6 +330,7 @@ def _measured(
         assert fab is not None
         film = Film(fab=fab, layout=build_layout(tape, spec, fab, part))
         findings = check(film.layout, fab, spec) + film_findings(film.layout, spec, fab)
+        # bodies that overlap are told by their own rule; that they leave their cells follows from it
         findings += [] if _broken(findings, "body-body") else undrawable(of_form, spec, film)
         findings += _corner_findings(tape, form)
         findings += check_models(tape, form, process, spec, part) if form is not None and process is not None else []
@@ -332,6 +339,7 @@ def _measured(
         assert form is not None
         assert process is not None
         findings = check_texture(tape, form, process, spec, part)
+    # which keys a problem of the models depends on: it is not told where one of these was refused
     needs: dict[str, tuple[str, ...]] = {"part": ELEMENT_KEYS, "holes_mm": (), "rotation_deg": ()}
     refused = [*problems, *([Problem("size_mm", "")] if resized else [])]
     problems += sound([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], refused)
@@ -362,6 +370,7 @@ def _corner_findings(tape: Tape, form: SolidForm | None) -> list[Finding]:
 
 def _window_findings(certificate: Certificate) -> list[Finding]:
     """Warning if 4x4 windows are equal: a contact that shows nothing else cannot tell these places apart."""
+    # 4 x 4 is the window that the paper decodes (section III-A.4)
     size = certificate.of_side(4)
     if size.distance != 0:
         return []

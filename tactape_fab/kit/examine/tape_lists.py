@@ -121,6 +121,7 @@ def list_tapes(
         raise SpecError(problems, [replace(finding, at_mm=None) for finding in broken])
     if broken and not force:
         raise DesignRuleError(broken)
+    # a list with refused or undesigned tapes is not compared: substitutes would conflict with each other
     together = () if len(tally.drawn) < len(tally.tapes) else _together(tally, by_table="tapes" in values)
     of_tapes = [finding for finding in tally.findings if not (packed and finding.rule == "assembly-size")]  # the panel is larger
     return Listed(tapes=tuple(tally.tapes), findings=(*of_tapes, *_copies(tally.tapes), *together), workers=chosen)
@@ -205,6 +206,7 @@ class _Tally:
             self._another(entry, kind)
         if entry.where not in kind.tables:
             kind.tables.add(entry.where)
+            # of a kind that occurs in several tables remarks are told once, broken rules for each table
             said = [finding for finding in kind.findings if finding.blocks or len(kind.tables) == 1]
             self.findings += [replace(finding, message=entry.where + finding.message) for finding in said]
             self._refuse(entry, kind.refusal)
@@ -241,6 +243,7 @@ class _Tally:
         for problem in problems:
             own = entry.of_sector if problem.root in _OF_THE_TAPE else ""
             message = entry.where + own + problem.message
+            # problems of one key that only sectors tell apart come together, so that `problems` can count them
             kept = self._problems.setdefault((entry.where, problem.root if own else message), {})
             kept[message] = Problem(problem.key, message)
 
@@ -296,6 +299,7 @@ def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: Overwrite) -> l
             refuse_taken(folder / name, overwrite=overwrite)
         except SpecError:
             try:
+                # taken with --overwrite as well: not a kit of this tool, or an edited one
                 refuse_taken(folder / name, overwrite=True)
                 older.append(name)
             except SpecError as error:  # not ours, or edited

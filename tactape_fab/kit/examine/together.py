@@ -68,9 +68,11 @@ def other_sectors(
     tries: Most sectors that are tried for each.
     Returns: In the order of the tapes; empty if none were found.
     """
+    # the second of each conflicting pair moves: the first may be one that exists already
     moved = {c.tapes[1] for c in found}
     kept = [tape for i, tape in enumerate(tapes) if i not in moved]
     sectors = {i: tape.sector for i, tape in enumerate(tapes)}
+    # one after the other: each is compared with all that stay or have found a sector
     for i in sorted(moved):
         for tape in _others(i, set(sectors.values()), moved_to, tries):
             if apart([tape, *kept]):
@@ -97,6 +99,7 @@ def of_sector(spec: TapeSpec, plan: Callable[[TapeSpec], Tape], sector: int) -> 
 
 def _others(i: int, used: set[int], moved_to: Callable[[int, int], Tape | None], tries: int) -> Iterator[Tape]:
     free = [sector for sector in range(max(used) + tries + 1) if sector not in used]
+    # sectors above the largest one first, then those left free below it
     for sector in sorted(free, key=lambda s: (s < max(used), s))[:tries]:  # those that follow first
         tape = moved_to(i, sector)
         if tape is not None:

@@ -25,6 +25,7 @@ METRIC_SIZES_MM = {
 }
 """Nominal length and width (IEC 60115-8 and EIA names)."""
 
+# four to six digits that are no part of a longer number or a decimal, then perhaps the word
 _CODE = re.compile(r"(?<![0-9.])([0-9]{4,6})(?:[ _-]?(metric|M))?(?![0-9A-Z]|\.[0-9])", re.IGNORECASE)
 _TOLERANCE = 0.2
 
@@ -48,4 +49,5 @@ def chip_code_problem(text: str, body_mm: Sequence[float]) -> str | None:
 
 
 def _fits(body_mm: Sequence[float], size_mm: Sequence[float]) -> bool:
+    # a fifth of the nominal size: 0603 in inches and in metric differ by a factor of 2.7
     return all(abs(a - b) <= _TOLERANCE * b for a, b in zip(body_mm[:2], size_mm, strict=True))

@@ -95,6 +95,7 @@ def confirm(
     if problems:
         raise SpecError(problems)
     origin = f"source = {toml_string(source)}\ndate = {toml_string(date)}\nconfirmed = true\n"
+    # a path in a profile counts from the profile's own folder
     extends = os.path.relpath(fab_name, place.parent) if fab_name.endswith(".toml") else fab_name
     tables = [
         f"name = {toml_string(place.stem)}\nextends = {toml_string(extends)}\ntitle = {toml_string(fab.title + ', confirmed')}\n"
@@ -142,6 +143,7 @@ def _modes(fab: FabProfile, whole: Sequence[Trial], broken: Sequence[Trial]) -> 
     """Ways to open the coverlay that did not fail altogether."""
     kept = []
     for mode in fab.coverlay_modes:
+        # of anchors nothing is learnt about the way: they may fail for their own reason
         bridges = [t for t in (*whole, *broken) if t.coverlay == mode and t.tests in ("opening-bridge", "gang")]
         if not bridges or any(t in whole for t in bridges):
             kept.append(str(mode))
@@ -156,5 +158,6 @@ def _limits(fab: FabProfile, whole: Sequence[Trial]) -> Iterator[tuple[str, floa
             for t in whole
             if rule in t.measured_mm and not (rule == "opening-bridge" and t.coverlay == "gang")
         ]
+        # a gap wider than the limit proves nothing about the limit
         if values and min(values) <= fab.limits[rule].value_mm + _MET_MM:
             yield rule, round(min(values), 3)

@@ -179,6 +179,7 @@ def read_panel(profile: Fields) -> PanelRules:
         **{key: table.integer(key, low=0, high=PANEL_MARKS) for key in counts},
         origin=read_origin(table),
     )
+    # marks lie in the middle of a rail: half a millimetre of board stays on each side
     widest_mm = max(rules.fiducial_opening_mm * bool(rules.fiducials), rules.tooling_hole_mm * bool(rules.tooling_holes))
     if rules.fiducial_opening_mm < rules.fiducial_mm:
         table.problem(

@@ -200,6 +200,7 @@ def load_fab(name: str) -> FabProfile:
     modes = read_modes(coverlay)
     size = table.table("size", ("largest_mm", *SOURCE_KEYS))
     largest = size.numbers("largest_mm", 2, above=0.0)
+    # two roles of one name would write one file over the other
     names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
     for shared in sorted({n for n in names if names.count(n) > 1}):
         files.problem("files", f"{shown(shared)} stands at two roles, which cannot share a file name; give each its own")

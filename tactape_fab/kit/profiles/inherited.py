@@ -29,6 +29,7 @@ def fab_table(name: str) -> Fields:
     path = Path(name) if name.endswith(".toml") else _built_in(name)
     if "extends" not in table.values:
         return table
+    # resolved: a cycle may pass through links
     values, seen = {"name": path.stem, **table.values}, [path.resolve()]
     while "extends" in values:
         path = _parent(path, values.pop("extends"), table.where)

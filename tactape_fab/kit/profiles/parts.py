@@ -28,6 +28,7 @@ class LandPattern:
     @property
     def area_mm2(self) -> float:
         """Exact area of one of the two lands, mm^2."""
+        # a rounded rectangle lacks (4 - pi) r^2 of its box: four corner squares of r^2 less a circle
         return self.size_mm[0] * self.size_mm[1] - (4 - pi) * self.corner_radius_mm**2
 
 
@@ -161,6 +162,7 @@ def element_problem(
         f"{size_key} = {length_mm:g} x {height_mm:g} mm is no spherical cap, whose height is below its radius "
         f"{length_mm / 2:g} mm; use a lower dome, or a flat top"
     )
+    # a cap of height h on a circle of radius a belongs to a sphere of radius (a^2 + h^2) / (2 h); at h = a it is a half sphere
     return None if height_mm < length_mm / 2 else (size_key, said)
 
 
@@ -180,5 +182,6 @@ def read_land(table: Fields) -> LandPattern:
     return LandPattern(
         size_mm=(size[0], size[1]),
         corner_radius_mm=table.number("corner_radius_mm", low=0.0, high=min(size) / 2),
+        # each land ends half its length before its centre: the gap between both is 2 offset - length
         offset_mm=table.number("offset_mm", above=size[0] / 2, high=20.0, remedy="the two pads must not touch"),
     )

@@ -47,6 +47,7 @@ def _tag_id(table: Fields, tag: str, sector: int) -> int | None:
 
 
 def _corner_radius(table: Fields, size_mm: tuple[float, float], *, square: bool) -> float:
+    # half a side is the largest radius that an outline has
     usual_mm = 0.0 if square or min(size_mm) < 2 * DEFAULT_CORNER_RADIUS_MM else DEFAULT_CORNER_RADIUS_MM
     radius_mm = Fields({"corner_radius_mm": usual_mm, **table.values}, "", table.problems).number(
         "corner_radius_mm",

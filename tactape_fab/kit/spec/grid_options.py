@@ -71,6 +71,7 @@ def _pitch(table: Fields) -> float:
 def _displacement(table: Fields, pitch_mm: float) -> float:
     usual = pitch_mm / PITCH_PER_DISPLACEMENT
     if "displacement_mm" not in table.values:
+        # snapped to 1 nm, as files have it: the tape that is decoded is the one that was made
         return float(snap_mm(usual))
     remedy = f"--delta is the displacement in millimetres, {LEAST_DISPLACEMENT_MM} to less than half the pitch {pitch_mm:g}"
     displacement_mm = table.number(

@@ -38,6 +38,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
     values = read_grid_options(table)
     cell_mm = table.number("tag_cell_mm", low=LEAST_CELL_MM, high=5.0, default=DEFAULT_TAG_CELL_MM)
     rotation_deg = table.number("rotation_deg", low=-360.0, high=360.0, unit="deg", default=DEFAULT_ROTATION_DEG)
+    # a turn is kept in [0, 360): -45 and 315 are one spec, and one file
     values |= {"tag_cell_mm": float(snap_mm(cell_mm)), "rotation_deg": rotation_deg % 360.0}
     values["part"] = _profile_name(table, "part", "parts", DEFAULT_PART)
     part = None if table.refused("part") else tried(lambda: read_part(values["part"]), table.problems)

@@ -19,11 +19,15 @@ def symbol_errors(displacement_mm: float) -> float:
 
     Two neighbours are 2 Δ sin(22.5 deg) apart, and a part has one on each side.
     """
+    # A neighbour's boundary is Δ sin 22.5 deg = h away, half their distance. The scatter along that direction is normal with s:
+    # P(beyond) = erfc(h / (s sqrt 2)) / 2, and there is a boundary to each side. Beyond both at once, behind the grid point, is
+    # counted twice: the sum is an upper bound
     return erfc(displacement_mm * _HALF_STEP / (PLACEMENT_MM * sqrt(2.0)))
 
 
 def least_displacement_mm() -> float:
     """Least displacement, in whole hundredths of a millimetre, at which no more symbols than `MOST_SYMBOL_ERRORS` are wrong."""
+    # the same equation solved for h: both tails together hold MOST_SYMBOL_ERRORS
     scatters = NormalDist().inv_cdf(1.0 - MOST_SYMBOL_ERRORS / 2.0)
     return ceil(100.0 * scatters * PLACEMENT_MM / _HALF_STEP) / 100.0
 

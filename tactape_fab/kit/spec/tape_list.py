@@ -83,6 +83,7 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
                 entries += _of_table({**common, **own, **overriding}, where, problems)
             else:
                 problems.append(Problem("tapes", f"{where}{shown(tape)} is no table; give it as [[tapes]]"))
+            # a table of a range may hold thousands: counted as they are read, so that no list grows without end
             if len(entries) > MOST_TAPES:
                 break
     if len(entries) > MOST_TAPES:
