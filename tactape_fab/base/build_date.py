@@ -60,6 +60,7 @@ def zip_entry(name: str, date: datetime) -> zipfile.ZipInfo:
     """A deflated member of a zip, which is described alike on every system."""
     entry = zipfile.ZipInfo(name, date.timetuple()[:6])
     entry.compress_type = zipfile.ZIP_DEFLATED
+    # 3 is Unix, whose permissions stand in the upper 16 bits; Python would write the system that it runs on
     entry.create_system = 3
     entry.external_attr = 0o644 << 16
     return entry

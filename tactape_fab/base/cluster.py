@@ -67,6 +67,7 @@ class ClusterPool(Executor):
         if self._client.status == "closed":
             answer.set_exception(self._lost())
             return answer
+        # pure=False: equal calls are not one call
         asked = self._client.submit(_called, _own(), function, args, kwargs, pure=False)
         self._asked.add(asked)
         asked.add_done_callback(partial(self._answered, answer))
@@ -99,6 +100,7 @@ class ClusterPool(Executor):
     def _said(self, asked: Any, error: BaseException) -> BaseException:
         if asked.status != "error":
             return self._lost()
+        # by name, as the class is one of an optional library; as a process that was killed (SIGKILL is 9)
         if type(error).__name__ == "KilledWorker":
             return LostProcessError(-9)
         if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] == __name__.partition(".")[0]:

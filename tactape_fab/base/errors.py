@@ -105,6 +105,7 @@ def _plain_numbers(line: Finding | Check, *names: str) -> None:
     for name in names:
         value = getattr(line, name)
         if value is not None:
+            # NaN and infinity are no JSON: nothing was measured
             object.__setattr__(line, name, float(value) if isfinite(value) else None)
 
 
@@ -136,6 +137,7 @@ class ReachProblem(Problem):
 
 def sound(found: Iterable[Problem], known: Sequence[Problem]) -> list[Problem]:
     """The problems that do not depend on a value that is already refused."""
+    # a problem without a key concerns no option, so nothing depends on it
     refused = {problem.root for problem in known} - {""}
     return [problem for problem in found if refused.isdisjoint((problem.root, *problem.needs))]
 
@@ -161,6 +163,7 @@ class SpecError(TactapeError, ValueError):
         self.findings: tuple[Finding, ...] = tuple(findings)
         super().__init__("\n".join(p.message for p in self.problems))
 
+    # Exception's own would call the class with the text alone, and lose the problems on the way from another process
     def __reduce__(self) -> tuple[type[SpecError], tuple[Any, ...]]:
         return type(self), (self.problems, self.findings)
 

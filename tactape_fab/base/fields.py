@@ -48,6 +48,7 @@ def nearest(value: str, known: Sequence[str]) -> str | None:
     parts = [
         name
         for name in known
+        # the value at the beginning of a word of the name, not followed by a digit: "020" is not meant as 0201
         if len(value) > 1 and re.search(rf"(?<![a-z0-9]){re.escape(value.casefold())}(?![0-9])", name.casefold())
     ]
     near = difflib.get_close_matches(value.casefold(), folded, n=1)
@@ -126,11 +127,13 @@ class Fields:
     ) -> float:
         of_unit = f" {unit}" if unit else ""
         then = f"; {remedy or 'give ' + _range_text(low, high, above, below, of_unit)}"
+        # bool is a subclass of int: true would be 1
         if isinstance(value, bool) or not isinstance(value, Real):
             self.problem(key, f"{key} = {shown(value)} is not a number{f' in {unit}' if unit else ''}{then}")
             return default
         try:
             number = float(value)
+        # an integer beyond 1.8e308
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
@@ -163,6 +166,7 @@ class Fields:
             self._missing(key, f"{count} numbers in {unit}" if unit else f"{count} numbers")
             return fallback
         value = self.values[key]
+        # a string is a sequence, too: of three letters
         if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
             self.problem(key, f"{key} = {shown(value)} is not {count} numbers; {remedy or f'give a list of {count}'}")
             return fallback

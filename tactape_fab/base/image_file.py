@@ -56,6 +56,7 @@ def chunks_fit(data: bytes) -> bool:
         return True
     at, kind = len(PNG_SIGNATURE), b""
     while kind != b"IEND":
+        # a chunk is 4 bytes of length, 4 of type, its data, and 4 of CRC (PNG, 5.3): 12 and the length
         kind = data[at + 4 : at + 8]
         at += 12 + int.from_bytes(data[at : at + 4], "big")
         if at > len(data):
@@ -76,6 +77,7 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
             return
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
         yield marker, at + 4
+        # FF may stand before a marker any number of times as filling; the length counts its own two bytes
         at += 1 if marker == 0xFF else 2 + length
 
 
@@ -95,10 +97,13 @@ class TiffDirectory:
     def __init__(self, data: bytes, remedy: str) -> None:
         self._data, self._remedy = data, remedy
         self._order: Literal["little", "big"] = "little" if data.startswith(b"II") else "big"
+        # after the signature: where the first directory is; then its
+        # number of entries, each of 12 bytes (tag, type, count, value)
         start = self._number(4, 4)
         count = self._number(start, 2)
         if count > _MOST_ENTRIES:
             raise SpecError(f"its header has {count} entries; {remedy}")
+        # four bytes after the last entry: where a next directory begins, 0 if there is none
         end = start + 2 + 12 * count
         self.several = any(data[end : end + 4])
         """Whether the file has a further directory."""
@@ -110,6 +115,7 @@ class TiffDirectory:
         if at is None:
             return default
         size = 2 if self._number(at + 2, 2) == _SHORT else 4
+        # up to four bytes stand in the entry itself
         apart = self._number(at + 4, 4) * size > 4  # then the entry holds the place of the values
         return self._number(self._number(at + 8, 4) if apart else at + 8, size)
 

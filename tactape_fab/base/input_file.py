@@ -19,6 +19,7 @@ def open_regular(path: Path) -> BufferedReader:
 
     Raises OSError if it cannot be opened, or is a FIFO, a device, a socket or a folder.
     """
+    # O_NONBLOCK: opening a FIFO does not wait for a writer. The type is asked of what is open, not of the name, which may change
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0))
     try:
         if not stat.S_ISREG(os.fstat(handle).st_mode):

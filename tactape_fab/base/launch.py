@@ -73,6 +73,8 @@ def limited(command: Sequence[str], *, cpu_s: int, memory_bytes: int) -> list[st
     return [sys.executable, "-I", "-S", "-c", code, *command]
 
 
+# SIGXCPU at the soft limit, SIGKILL 5 s later for who ignores it; the data
+# segment, not the address space, of which libraries reserve more than they use
 _WITHIN_LIMITS = (
     "import os, resource as r, sys; r.setrlimit(r.RLIMIT_CPU, ({cpu_s}, {cpu_s} + 5)); "
     "r.setrlimit(r.RLIMIT_DATA, ({memory_bytes}, r.getrlimit(r.RLIMIT_DATA)[1])); os.execv(sys.argv[1], sys.argv[1:])"
@@ -87,6 +89,7 @@ def limit_self(*, cpu_s: float, memory_bytes: int) -> None:
 
     used = resource.getrusage(resource.RUSAGE_SELF)
     _, most_s = resource.getrlimit(resource.RLIMIT_CPU)
+    # RLIMIT_CPU counts from the process's start, so what was used is added; the hard limit stays, as only root can raise it again
     resource.setrlimit(resource.RLIMIT_CPU, (max(1, int(used.ru_utime + used.ru_stime + cpu_s)), most_s))
     resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
@@ -105,6 +108,7 @@ def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None
     with _scratch(scratch) as folder:
         return subprocess.run(
             command,
+            # no terminal: a program that asks would wait for ever
             stdin=subprocess.DEVNULL,
             capture_output=True,
             encoding="utf-8",

@@ -19,8 +19,10 @@ _FIELD = re.compile(rb"%(?:%|d|\.(\d)f)")
 _EXACT = 2.0**51
 """Up to it, halves are numbers of their own, and differences from whole numbers are exact."""
 _FOUR = 10_000
+# shape (10000, 4): the digits of each number, then the same with NUL for zeros before the first other digit
 _WITH_ZEROS = (np.arange(_FOUR)[:, None] // (1000, 100, 10, 1) % 10 + ord("0")).astype(np.uint8)
 _WITHOUT = np.where(np.logical_or.accumulate(ord("0") != _WITH_ZEROS, axis=1), _WITH_ZEROS, 0).astype(np.uint8)
+# four characters as one word of 32 bits, written and read in the machine's own order: one look-up for four digits
 _FOUR_DIGITS = np.concatenate([_WITHOUT, _WITH_ZEROS]).view(np.uint32).ravel()
 """Four digits of each number below 10,000, without the zeros before the first other digit; then the same with them."""
 
@@ -34,6 +36,7 @@ def number_rows(template: str, *columns: npt.NDArray[Any]) -> bytes:
     values = [column for some in columns for column in (some.T if some.ndim > 1 else [some])]
     text, texts, left, end = template.encode("ascii"), [], iter(values), 0
     for match in _FIELD.finditer(text):
+        # constant text is one row that numpy repeats
         texts.append(np.frombuffer(text[end : match.start()] + b"%" * (match[0] == b"%%"), dtype=np.uint8))
         if match[0] != b"%%":
             texts.append(_whole(next(left)) if match[1] is None else _fixed(next(left), int(match[1])))
@@ -43,6 +46,7 @@ def number_rows(template: str, *columns: npt.NDArray[Any]) -> bytes:
     rows = np.empty((len(values[0]), ends[-1]), dtype=np.uint8)
     for cells, (begin, end) in zip(texts, pairwise(ends), strict=True):
         rows[:, begin:end] = cells
+    # NUL pads numbers to the width of the longest; it is taken out at the end, in one pass
     written = rows.tobytes()
     return written.translate(None, b"\0") if b"\0" in written else written
 
@@ -58,11 +62,14 @@ def _fixed(values: npt.NDArray[Any], decimals: int) -> Cells:
     Rounding keeps the order, and halves are exact: a product that is rounded to one side of a half was on that side. So Python
     is asked only for numbers whose product is a half.
     """
+    # products from 2**51 on are left to Python: below, doubles are at most a quarter apart, so that every half is one of them
     if not (np.abs(values) < _EXACT / 10.0**decimals).all():
         texts = np.array([b"%.*f" % (decimals, value) for value in values.tolist()])
         return texts.view(np.uint8).reshape(len(values), -1)
     scaled = values * 10.0**decimals
     nearest = np.rint(scaled)
+    # A product just off a half may be rounded onto it, never across: the
+    # sign of the rest is then unknown, and Python's exact decimal decides
     half = np.abs(scaled - nearest) == 0.5
     nearest[half] = [float((b"%.*f" % (decimals, value)).replace(b".", b"")) for value in values[half].tolist()]
     size = np.abs(nearest).astype(np.int64)
@@ -79,15 +86,19 @@ def digits(values: npt.NDArray[Any], count: int | None = None) -> Cells:
     """Digits of numbers from 0 on; all with `count` digits if it is given."""
     most = int(values.max(initial=0))
     width = len(str(most)) if count is None else count
+    # 32 bits where they do: their division is faster
     rest: npt.NDArray[Any] = values.astype(np.uint32 if most < 1 << 32 else np.uint64)
     fours = np.empty((len(values), -(-width // 4)), dtype=np.uint32)
+    # from the last group of four on
     for place in reversed(range(fours.shape[1])):
         above = rest // _FOUR
         low = rest - above * _FOUR
+        # zeros are written where digits stand before them, or where a fixed number is asked for
         low += _FOUR if count is not None else (above > 0) * rest.dtype.type(_FOUR)
         fours[:, place] = _FOUR_DIGITS[low]
         rest = above
     found = fours.view(np.uint8)[:, 4 * fours.shape[1] - width :]
     if count is None:
+        # of 0 all four places are zeros before the first other digit
         found[values == 0, -1] = ord("0")
     return found

@@ -89,9 +89,11 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
         If it cannot be written; nothing is left of it.
     """
     refuse_taken_place(path, key, overwrite=overwrite)
+    # beside its place: os.link and rename work within one file system
     partial = path.with_name(f".{path.name[:200]}.{secrets.token_hex(4)}{_SUFFIX}")
     try:
         try:
+            # "x" refuses a file that is there: the random name cannot be taken over
             with partial.open("xb") as stream:
                 stream.write(data)
                 stream.flush()
@@ -100,10 +102,12 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
                 refuse_taken_place(path, key, overwrite=True)
                 partial.replace(path)
             else:
+                # rename would replace a file that has come in between; link refuses it
                 _name_if_free(partial, path)
         finally:
             with suppress(OSError):
                 partial.unlink()
+        # after the file itself: a name on the disk must not outlive its content
         sync_folder(path.parent)
     except FileExistsError:  # it came into being since
         refuse_taken_place(path, key, overwrite=False)
@@ -162,6 +166,7 @@ def sync_below(folder: Path) -> None:
     """
     from concurrent.futures import ThreadPoolExecutor  # imported here: reading commands do without
 
+    # topdown=False: what lies deepest first, so that a folder is synced after all that it holds
     places = [(Path(place), names) for place, _, names in os.walk(folder, topdown=False)]
     with ThreadPoolExecutor(_AT_ONCE) as threads:
         list(threads.map(sync_file, [place / name for place, names in places for name in names]))

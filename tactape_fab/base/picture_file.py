@@ -16,6 +16,7 @@ from tactape_fab.base.libraries import library
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 
 _TEXT = b"tEXtSoftware\0tactape-fab"
+# length of the data without the type, then type and data, then the CRC of both (PNG, 5.3)
 _WRITER = (len(_TEXT) - 4).to_bytes(4, "big") + _TEXT + zlib.crc32(_TEXT).to_bytes(4, "big")
 """The chunk that names the software (PNG, 11.3.3.2)."""
 _AFTER_HEADER = 33
@@ -49,6 +50,7 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
     """
     said = f"{key} = {shown_path(folder)}"
     try:
+        # the folder may be made later: the nearest one that is there decides whether it can
         nearest = next(place for place in (folder, *folder.parents) if mode_of(place) is not None)
         is_folder = nearest.is_dir()
         paths = sorted(folder.glob(names)) if isinstance(names, str) else [folder / name for name in names]

@@ -48,6 +48,7 @@ _PATIENCE_S = 20.0
 
 def core_count() -> int:
     """Number of cores that this process may use."""
+    # the affinity counts the cores that this process may run on, as a batch system grants them; cpu_count those of the machine
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -82,6 +83,7 @@ class ProcessPool(Executor):
         self.width = max(1, count)
         self._told = told
         self._scratch = tempfile.TemporaryDirectory(prefix="tactape-pool-", ignore_cleanup_errors=True)
+        # one thread for each process: it writes a call and waits for the answer, and the process is its own
         self._threads = ThreadPoolExecutor(self.width)
         self._own = threading.local()
         self._lock = threading.Lock()
@@ -116,6 +118,7 @@ class ProcessPool(Executor):
     def _ask(self, function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
         child = self._child()
         assert child.stdin is not None and child.stdout is not None
+        # an answer is (True, result), (False, error), or (None, message) for what is told on the way
         try:
             _send(child.stdin, (function, args, kwargs))
             answered, answer = pickle.load(child.stdout)
@@ -123,6 +126,7 @@ class ProcessPool(Executor):
                 self._told(*answer)
                 answered, answer = pickle.load(child.stdout)
         except (EOFError, OSError, pickle.UnpicklingError):
+            # the thread's next call starts a new process
             self._own.child = None
             raise LostProcessError(self._ended(child)) from None
         if not answered:
@@ -136,6 +140,7 @@ class ProcessPool(Executor):
         if child is None:
             command = python_command(f"from {__name__} import serve; serve()")
             with self._lock:
+                # under the lock: a process that is started after stop would outlive the pool
                 if self._stopped:
                     raise LostProcessError(-signal.SIGTERM)
                 # its own session: the terminal's Ctrl-C reaches only the parent
@@ -168,6 +173,7 @@ class ProcessPool(Executor):
             if child.stdin is not None:
                 with suppress(OSError):
                     child.stdin.close()
+        # one deadline for all, not one each
         end = time.monotonic() + _PATIENCE_S
         for child in children:
             with suppress(subprocess.TimeoutExpired):
@@ -234,11 +240,13 @@ def _mapped(
     turns: deque[_Turn[Item, R]] = deque()
     try:
         while True:
+            # a tuple around the item: None is an item, too
             while len(turns) < _AHEAD * pool.width and (more := next(((item,) for item in todo), None)) is not None:
                 turns.append(_Turn(more[0]))
                 at_work[pool.submit(function, more[0])] = turns[-1]
             if not turns:
                 return
+            # in order only the first turn may be handed on; its result waits until it is
             ready = turns[0] if ordered else next((turn for turn in turns if turn.result), turns[0])
             if ready.result:
                 turns.remove(ready)
@@ -297,6 +305,7 @@ def serve() -> None:
     global _answers  # noqa: PLW0603 (one for each process)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asked = sys.stdin.buffer
+    # a copy of the pipe; descriptor 1 itself then goes to stderr
     _answers = answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a function's printed output must not mix with the results
     settled = False
@@ -305,6 +314,7 @@ def serve() -> None:
             function, args, kwargs = pickle.load(asked)
         except (EOFError, OSError):
             return
+        # only during a call: between two the default ends the process at once
         signal.signal(signal.SIGTERM, _leave)
         try:
             answer: tuple[bool, Any] = (True, function(*args, **kwargs))

@@ -22,6 +22,7 @@ T = TypeVar("T")
 _PROFILE_BYTES = 1024 * 1024
 _MOST_PARTS = 64
 """Of a dotted key: the parser keeps every table on the way to it, and takes gigabytes for 100,000 parts."""
+# a quoted or bare part, a dot with blanks around it, a comment, or anything else, which ends a key
 _TOKENS = re.compile(r"""(?P<part>"(?:\\.|[^"\\])*"?|'[^']*'?|[\w-]+)|(?P<dot>[ \t]*\.[ \t]*)|#.*|.""")
 
 
@@ -68,6 +69,7 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         raise SpecError(Problem(key, message))
     try:
         text = data.decode("utf-8-sig")
+        # most lines have few dots: tokens are looked at where a key could be too long at all
         if any(line.count(".") >= _MOST_PARTS and _parts(line) > _MOST_PARTS for line in text.splitlines()):
             raise ValueError(f"a key has more than {_MOST_PARTS} parts, with dots between them")
         return tomllib.loads(text)
@@ -101,6 +103,7 @@ def read_once(kind: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
     """Decorator of a reader of profiles: one that comes with the package is read once, as a user's file may change each time."""
 
     def decorated(read: Callable[[str], T]) -> Callable[[str], T]:
+        # a user's own file is read each time: it may be edited between two calls
         known = lru_cache(maxsize=64)(read)
         return wraps(read)(lambda name: known(name) if name in _names(kind) else read(name))
 

@@ -146,6 +146,7 @@ def emboss_kit(
         raise SpecError(problems)
     content, tape = kit
     library("manifold3d", "emboss")
+    # of the characters that every file system takes; a leading dot would hide the folder, a leading hyphen look like an option
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
     if target is None:
         target = source.path.parent / name
@@ -164,6 +165,7 @@ def emboss_kit(
     }
     progress("verifying", tape.part_count, tape.part_count)
     data = {a.role: a.data for a in artifacts}
+    # before anything is at the target: a part that fails leaves no folder
     checks = tuple(check_embossed(manifest, data["stl"], data["placements"]))
     if not all(check.passed or check.warning for check in checks):
         raise VerifyError(checks)
@@ -215,6 +217,7 @@ def _read_model(path: Path, kind: str) -> _Source:
 
 def _on_mesh(tape: Tape, source: _Source, placement: Placement, unit: str, progress: Progress) -> _Made:
     mesh = read_surface_mesh(source.data, source.kind, unit)
+    # before the mesh is closed and searched: a part in the wrong unit is a thousand times too large or small
     refuse_wrong_size(np.ptp(mesh.vertices_mm, axis=0), None if source.kind == "3mf" else unit, texture_size_mm(tape))
     mesh = closed_mesh(mesh)
     progress("mapping", 0, tape.part_count)
@@ -226,6 +229,7 @@ def _sides_mm(mesh: Mesh) -> list[Point]:
     """Points of a mesh nearest to far ones along the axes of its coordinates: its sides, its back and its lower end."""
     low, high = mesh.vertices_mm.min(axis=0), mesh.vertices_mm.max(axis=0)
     middle, facets = (low + high) / 2, Facets(mesh=mesh)
+    # ten times its largest dimension away: the nearest point of the part is then on the side that faces the axis, not in a hollow
     far = [middle + sign * _FAR * float((high - low).max()) * axis for axis in np.eye(3) for sign in (1, -1)]
     return [(float(x), float(y), float(z)) for x, y, z in (facets.nearest(point)[1] for point in far)]
 
@@ -239,6 +243,7 @@ def laid_well(
     others_mm: Places that are tried beside it; the one of least error is taken.
     Raises SpecError if the texture fits nowhere, or nowhere without a larger error and no place was asked for.
     """
+    # a place that was asked for is taken as it is: its distortion is recorded, not refused
     if placement.at_mm is not None or placement.face is not None:
         return lay_out(tape, chart_at(placement.at_mm))
     refused: list[Problem] = []
@@ -279,8 +284,10 @@ def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progr
 
 
 def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
+    # a time for each MB, one MB at least: small files pay for the kernel's own start, too
     progress, megabytes = tell, max(1.0, len(source.data) / 1e6)
     memory_bytes = STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * len(source.data)
+    # limits are set anew for each step and count from what is used so far: loading the kernel, reading, meshing, fusing
     limit_self(cpu_s=_LOADING_S, memory_bytes=memory_bytes)
     library("build123d", "emboss")
     from tactape_fab.solids.surface.part_step import FaceChart, read_step_solid
@@ -292,6 +299,7 @@ def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
     progress("mapping", 0, tape.part_count)
     limit_self(cpu_s=MESH_CPU_S * megabytes, memory_bytes=memory_bytes)
     mesh = model.tessellated()
+    # the solid is valid and its faces are known: what follows grows with the elements alone, 60 of which stand for the base cost
     limit_self(cpu_s=_FUSING_S * (60 + tape.part_count), memory_bytes=_FUSING_BYTES)
     laid = laid_well(tape, lambda _: chart, placement)
     fused = fuse_mesh(mesh, laid, progress, chord_error_mm=model.chord_error_mm)

@@ -243,6 +243,7 @@ def refuse_broken(
         raise SpecError(error.problems, () if force else blocking) from None
     form = drawn.spec.form
     never = (
+        # a chip larger than its cell may be forced onto a film, but its models would overlap, and no file can say them
         undrawable(form_problems(drawn.tape, form), drawn.spec, drawn.film)
         if force and form is not None and drawn.film is not None
         else []

@@ -180,6 +180,7 @@ def make_kits(
 @contextmanager
 def _made_folder(folder: Path) -> Generator[None]:
     """The folder of a list; folders that hold nothing in the end are removed again."""
+    # looked at before mkdir: these are the ones that are made here
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -200,6 +201,7 @@ def _in_processes(
     results = mapped(partial(_answered, make, Path.cwd(), time.time()), orders, workers, lost=_lost, isolated=True)
     with closing(results):
         for order, result in zip(orders, results, strict=True):
+            # a worker of a cluster may have written on a disk of its own
             there = isinstance(result, FailedKit) or order.path.is_dir()
             yield result if there else _failed(order, TactapeError(f"{order.path} was made on another disk; {_SHARED}"))
 
@@ -208,6 +210,7 @@ def _answered(make: Callable[[Ordered, bool], Result], folder: Path, since: floa
     """Do one order in its own process, in the user's current folder so that relative paths are resolved there."""
     import cv2
 
+    # processes are the workers: threads of OpenCV in each would only take cores from the others
     cv2.setNumThreads(1)
     try:
         os.chdir(folder)
@@ -224,6 +227,7 @@ def _answered(make: Callable[[Ordered, bool], Result], folder: Path, since: floa
 def _stands(path: Path, since: float) -> bool:
     """Whether a process of this run made it and died before it could say so; an older one was refused."""
     try:
+        # of this run: the file's time is later than the run's beginning. The path was free then, or refused
         return (path / MANIFEST_NAME).stat().st_mtime >= since
     except OSError:
         return False

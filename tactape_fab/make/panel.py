@@ -166,6 +166,7 @@ def fill_panel(
         from tactape_fab.verify.panel import verify_panel_folder
 
         progress("verifying the panel")
+        # kits=False: each was verified by fill_kit, and is not read again
         verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
         verification.raise_if_failed()
         own = verification.checks

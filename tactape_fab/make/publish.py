@@ -20,6 +20,7 @@ from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 if TYPE_CHECKING:
     from tactape_fab.verify.signature import Signer
 
+# of linux/fs.h and fcntl.h: exchange both names; paths count from the current folder
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
 
@@ -33,6 +34,7 @@ def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | 
     signer: Signs what the folder holds at the end.
     Raises TactapeError if the folder or a file in it cannot be written.
     """
+    # beside the target, so on the same file system: a rename is one step there alone
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]
     try:
@@ -64,6 +66,7 @@ def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
 
 def put_in_place(folder: Path, target: Path, *, overwrite: Overwrite) -> None:
     """Give a finished folder its name; other processes see the old kit or the new one, never a mixture."""
+    # a dangling link does not exist and is a name that is taken
     if not (target.exists() or target.is_symlink()):
         folder.rename(target)
         return

@@ -135,11 +135,13 @@ def _examined(content: Mapping[str, Any], made: Mapping[str, Any]) -> Examined:
     tape = Tape.from_mapping(content)
     search = content.get("search")
     avoided = _avoided(content if search is None else search)
+    # an origin can be recorded, a design needs the tapes themselves
     if avoided and not has_plane(tape.code):
         raise NotReproducibleError(f"its design avoids other tapes, not in it: {shown(avoided)}; make it again beside them")
     if search is not None and not avoided:
         values["origin"] = "best"
     if not made["coverlay_asked"]:
+        # the manifest has the way that was taken; where it was not asked for, the same choice is made again
         values.pop("coverlay", None)
     _refuse_other(values, tape)
     examined = examine(TapeSpec.from_mapping(values))
@@ -207,6 +209,7 @@ def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
     """Refuse a spec that is not of this tape, before anything is computed of it."""
     board, problems = tape.board, _other(values, tape)
     problems += [Problem(str(key), f"spec.{shown(key)} is no option") for key in values if key not in KEYS]
+    # of a board with no margins: an upper bound of the grid, so that a small manifest cannot ask for a large tape
     points = (board.size_mm[0] / tape.pitch_mm + 1) * (board.size_mm[1] / tape.pitch_mm + 1)
     if points > _MORE_POINTS * tape.columns * tape.rows + _SPARE_POINTS:
         problems.append(Problem("size_mm", f"its {tape.columns} x {tape.rows} grid points are not those of a board of that size"))
@@ -235,6 +238,7 @@ def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str]
             raise SpecError(f"{place.manifest} {reason_of(error)}") from error
         own = read_any_manifest(kit)
         record = _read_made(own)
+        # panel and kits were made in one run; versions of libraries are compared file by file
         if {**record, "libraries": None} != {**made, "libraries": None}:
             raise SpecError(f"{place.manifest} was not made with the panel")
         tapes.append(_examined(own, record))
@@ -266,6 +270,7 @@ def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> Ex
     if said.grid is None:
         panel = plan_packed(said.size_mm, boards, [(place.offset_mm, place.turned) for place in said.places], tapes[0].fab)
     else:
+        # which sides have tabs is recorded by their numbers
         sides = "x" * (said.places[0].tabs_x > 0) + "y" * (said.places[0].tabs_y > 0)
         panel = plan_panel(*boards[0], said.grid, sides, tapes[0].fab)
     trials = read_trials(content)[1] if "coupon" in content else ()
@@ -291,6 +296,7 @@ def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tup
     if read_inside(root, folder / MANIFEST_NAME, MOST_MANIFEST_BYTES) != (again / MANIFEST_NAME).read_bytes():
         problems += _manifest_difference(_read_json(folder), expected, problems)
     others = {name: (libraries[name], own) for name, own in versions_in_kits().items() if libraries[name] != own}
+    # other versions of numpy or zlib may write other bytes of the same content: nothing is proved then
     if problems and others:
         said = ", ".join(f"{name} {shown(theirs)}, here {own}" for name, (theirs, own) in others.items())
         raise NotReproducibleError(f"{named(problems)}; it was made with {said}: install these to tell whether that is why")

@@ -130,6 +130,7 @@ def _field(tape: Tape, side: int, cell: int) -> Picture:
                 field[rows * cell + half - 1 + dy, columns * cell + half - 1 + dx] = _FAINT
     corner_rc, distance = nearest_distances(tape, side, BEYOND - 1)
     shade = _SHADES[np.minimum(distance, BEYOND)]
+    # from the window's upper left cell to its middle
     shift = (side - 1) * cell // 2
     for (row, column), colour in zip((corner_rc * cell + shift).tolist(), shade.tolist(), strict=True):
         field[row : row + cell, column : column + cell] = colour
@@ -152,6 +153,7 @@ def _number(field: Picture, corner: tuple[int, int], side_px: int, label: str) -
 
     def is_free(place: tuple[int, int]) -> bool:
         left, bottom = place
+        # the mark's colour under the number would be an outline or another number
         under = field[max(bottom - height, 0) : bottom + 1, left : left + width]
         return bottom >= height and bottom < len(field) and not (under == _MARK).all(axis=2).any()
 

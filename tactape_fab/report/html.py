@@ -14,6 +14,7 @@ from tactape_fab.base.templates import templates_folder
 def script_json(content: Any) -> str:
     """JSON that is safe in a script element: no character in it ends one or begins a comment."""
     text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    # "</script>" and "<!--" end or change a script element whatever the string around them
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
@@ -42,6 +43,7 @@ def script_of(names: tuple[str, ...]) -> str:
 
 def page(name: str, scripts: tuple[str, ...], /, **values: Any) -> bytes:
     """A page by the name of its template; its policy lets a browser run its own script alone, and fetch nothing."""
+    # the policy names the hash of exactly this text: a script that came into the page by a name or a note is not run
     script, style = script_of(scripts), asset("report.css")
     policy = (
         f"default-src 'none'; img-src data:; script-src {allowed(script)}; style-src {allowed(style)}; "

@@ -147,6 +147,7 @@ def _lines(layer: str, colour: str, content: GerberShapes) -> Iterator[Shapes]:
 
 def _turned(outline: FloatArray, cpl: CplContent) -> Iterator[Stamp]:
     """An outline at every part, turned as its row says."""
+    # one stamp for all parts where all lie alike: their places are then sent once
     angles = np.unique(cpl.rotation_deg).tolist()
     for angle in angles:
         yield rotate(outline, angle), None if len(angles) == 1 else cpl.xy_mm[cpl.rotation_deg == angle]

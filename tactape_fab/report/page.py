@@ -119,6 +119,7 @@ def _solid(kit: Written, places: Places) -> dict[str, Any] | None:
     on_part = places.on_part
     if on_part is None:
         return solid_view(kit.stl)
+    # of the box of all elements, not of the mesh: the view opens on the texture
     middle = (on_part.points_mm.min(axis=0) + on_part.points_mm.max(axis=0)) / 2
     view = solid_view(kit.stl, middle)
     reach = float(np.linalg.norm(on_part.points_mm - middle, axis=1).max()) + kit.tape.pitch_mm
@@ -133,6 +134,7 @@ def reach_mm(manifest: Mapping[str, Any], tape: Tape) -> float:
     if not land:
         return float(body)
     pads = land["pads"]
+    # the corner of a land away from the part's middle
     return float(max(body, np.hypot(pads["offset_mm"] + pads["size_mm"][0] / 2, pads["size_mm"][1] / 2)))
 
 

@@ -89,6 +89,7 @@ def _places(panel: WrittenPanel, cpl: CplContent) -> Places:
     on_tapes = []
     for row, tape, end, count in zip(panel.manifest["tapes"], panel.tapes, ends, counts, strict=True):
         own = slice(end - count, end)
+        # the inverse of the place on the panel: moved back, then turned back
         on_board = rotate(cpl.xy_mm[own] - row["offset_mm"], -float(row["rotation_deg"]))
         on_tapes.append(measured_places(tape, cpl.designators[own], on_board, cpl.rotation_deg[own]))
     return Places(

@@ -53,7 +53,9 @@ class Places:
 def measured_places(tape: Tape, designators: Sequence[str], xy_mm: FloatArray, rotation_deg: FloatArray) -> Places:
     """Parts from a list of places alone: only the tape's grid is used, none of its symbols."""
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
+    # the nearest grid point: displacements are below half a pitch
     cells = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
+    # the symbol whose unit displacement has the largest product with the part's own, so the least angle (paper, Eq. 10)
     symbols = ((texture_mm - cells * tape.pitch_mm) @ DIRECTIONS_XY[: tape.directions].T).argmax(axis=1).astype(np.uint8)
     return Places(designators=designators, xy_mm=xy_mm, cells=cells, symbols=symbols, rotation_deg=rotation_deg)
 
