@@ -107,6 +107,7 @@ def refuse_map(path: Path, *, overwrite: bool) -> None:
 
 
 def _is_map(path: Path) -> bool:
+    # any SVG that begins with its root element passes; most other programs write an XML declaration first
     return read_regular(path, 4).startswith(b"<svg")
 
 

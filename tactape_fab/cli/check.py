@@ -149,6 +149,7 @@ PANEL_OPTIONS = (
 
 def tape_options(command: F) -> F:
     """Add SPEC.toml and every option of a tape and a panel."""
+    # each is inserted at the front: reversed, so that they stand in order before the command's own
     for option in reversed((*TAPE_OPTIONS, *PANEL_OPTIONS)):
         command.params.insert(0, option)  # type: ignore[attr-defined]
     command.params.insert(0, click.Argument(["spec_file"], required=False, metavar="[SPEC.toml]"))  # type: ignore[attr-defined]
@@ -160,6 +161,7 @@ def given_values(options: dict[str, Any]) -> dict[str, Any]:
     return {
         o.name: o.read(options[o.name])
         for o in (*TAPE_OPTIONS, *PANEL_OPTIONS)
+        # what was typed is a text, "0" as well; an option that was not typed is None, () or False
         if o.name is not None and options[o.name] not in (None, (), False)
     }
 
@@ -198,6 +200,7 @@ def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] 
         if together:
             return False
         echo_lines_err([remark] if remark else [])
+    # only "none" is left here, which a list of tapes does not know
     for of in (values, given):
         of.pop("panel", None)
     return True
@@ -224,6 +227,7 @@ def examined_order(
     if panel != "none" and "sectors" in single:
         said = f"is for lists of tapes, and panel = {shown(panel)} makes one panel of them; leave one of the two out"
     problems = [Problem(name, f"--{name} {said}") for name, value in (of_lists or {}).items() if value]
+    # an option beats the file: --sector takes the place of the file's sectors
     if "sector" in given and "sectors" not in given:
         single.pop("sectors", None)
     tapes = tried(lambda: read_tapes(avoid), problems)

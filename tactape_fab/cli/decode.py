@@ -145,5 +145,6 @@ class FixTable:
 
 
 def summary_line(located: int, count: int, elapsed_ms: Sequence[float]) -> str:
+    # the upper one of the two middle values: no interpolation, a time that was measured
     median = sorted(elapsed_ms)[len(elapsed_ms) // 2] if elapsed_ms else 0.0
     return f"located {located} of {counted(count, 'frame')}; median {median:.2f} ms"

@@ -45,6 +45,7 @@ EXTRAS = {
 }
 """Extras of pyproject.toml, and what each adds."""
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:\[(?P<extras>[\w,\s-]*)\])?")
+# of markers (PEP 508) the two kinds that pyproject.toml has: the version of Python and the extra
 _PYTHON = re.compile(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""")
 _IN_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
 _PATIENCE_S = 20.0
@@ -197,6 +198,7 @@ def _required() -> dict[str, list[str]]:
             continue
         names = rows.setdefault(extra["extra"] if extra else "", [])
         own = found["extras"] if found["name"] == PACKAGE else None
+        # an extra may ask for the package itself with other extras, as "dev" does: these are spread one level deep
         names += [f"[{inner.strip()}]" for inner in own.split(",")] if own else [found["name"]]
     return {extra: sorted({found for name in names for found in _spread(name, rows)}) for extra, names in rows.items()}
 

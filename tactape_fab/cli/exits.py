@@ -15,6 +15,8 @@ from tactape_fab.base.errors import DesignRuleError, FrameError, Problem, SpecEr
 from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import echo_line, rule_lines
 
+# not within a word, a path, an option or quotes; then its index, and an equals
+# sign with a flag's or a list's text, or words that mean the value
 _KEY = re.compile(
     r"(?<![\w.'-])(?:scene\.)?(\w+?)(?:\[(\d+)\])?(\[\d+\])?"
     r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]*\]))|(?= = | contradicts | is of ))"
@@ -61,8 +63,11 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
         name, text = typed.get(key) or typed.get(_UNIT.sub("", key)) or ("", None)
         if isinstance(text, tuple):  # of an option that may be given several times
             text, index = text[int(index or 0)] if int(index or 0) < len(text) else None, inner
+        # a flag's value in the message and a text that was typed: another option of that name
         if not name or (flag and isinstance(text, str)):
             return found[0]
+        # of a value that was typed as a whole, such as 0x50, a message
+        # is about one part: the whole is shown, and the part behind it
         if index is not None and isinstance(text, str):
             return f"{name} = {text!r}:{_PART}"
         return f"{name} = {text!r}" if listed and isinstance(text, str) else name + (f" = {listed}" if listed else "")

@@ -96,6 +96,7 @@ class _Group(click.Group):
         except click.UsageError as error:  # click names arguments as they are: `coupon *` takes whatever names a folder holds
             if error.message.isprintable():
                 raise
+            # click prints the message: what cannot be printed in it is escaped
             raise click.UsageError(one_line(error.message), error.ctx) from error
         except KeyboardInterrupt:  # click's own answer is that of a failure, 1
             click.echo("stopped by Ctrl-C", err=True)
@@ -140,6 +141,7 @@ def _interrupted_again(dropped: sys.UnraisableHookArgs) -> None:
 
 def _cannot_print(error: OSError) -> bool:
     """Whether click's printing raised the error. Failures to write the package's own files have their own error class."""
+    # the innermost frame: an OSError of another module comes through click, too
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next

@@ -108,6 +108,7 @@ def inspection_lines(inspection: Inspection) -> list[str]:
         f"mean shift against the lands {1000 * mean[0]:.1f} and {1000 * mean[1]:.1f} um",
     ]
     for scan in inspection.scans:
+        # px/mm to dots an inch
         u, v = (25.4 * s for s in scan.px_per_mm)
         if scan.growth is not None:
             lines.append(

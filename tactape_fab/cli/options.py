@@ -23,6 +23,7 @@ SENSOR_HELP = "Sensor profile, or a .toml file.  [default: gelsight-mini]"
 
 
 def number(text: str) -> Any:
+    # int and float of Python take 1_000: a typing error here
     if "_" in text:
         return text
     for read in (int, float):
@@ -37,6 +38,7 @@ def in_unit(unit: str) -> Callable[[str], Any]:
     """Reader of a number that may have its unit behind it, whatever its case, as in 2N or 45 deg."""
 
     def read(text: str) -> Any:
+        # the micro sign (U+00B5) and the Greek letter (U+03BC) look the same
         bare = text.strip().replace("µm", "um").replace("μm", "um")
         found = number(bare[: -len(unit)].rstrip() if bare.lower().endswith(unit.lower()) else bare)
         return text if isinstance(found, str) else found
@@ -55,6 +57,7 @@ def lengths(text: str, separator: str) -> Any:
 
 def size(text: str) -> Any:
     parts = text.replace("×", "x").replace("X", "x")
+    # "1xx2" or "x5": no size, and said as it was typed
     return text if "" in parts.split("x") else lengths(parts, "x")
 
 

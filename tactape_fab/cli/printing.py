@@ -65,6 +65,7 @@ def _finding_row(finding: Finding) -> tuple[str, ...]:
 def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows as aligned columns."""
     rows = [[one_line(cell) for cell in row] for row in rows]
+    # characters, not columns of a terminal: names are ASCII, and the Greek letters of headers are one column wide
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
 
@@ -148,6 +149,7 @@ def clear_step() -> None:
     """Clear the progress line of the terminal before a message."""
     if sys.stderr is not None and sys.stderr.isatty():
         with suppress(OSError):
+            # to the line's beginning, and clear to its end (ECMA-48, EL)
             click.echo("\r\033[K", err=True, nl=False)
 
 

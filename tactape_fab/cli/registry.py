@@ -110,6 +110,7 @@ def _distance(value: int) -> str:
 
 def _matrix(result: Registry) -> list[str]:
     names = result.names
+    # the lower triangle: the distance of two tapes is the same both ways
     rows = [
         (name, *("" if b >= a else _apart(result, a, b) for b in range(len(names) - 1))) for a, name in enumerate(names) if a > 0
     ]
@@ -124,6 +125,7 @@ def _nearest(result: Registry) -> list[str]:
     lines = []
     for windows in result.across:
         count = Counter(int(d) for d in windows.matrix[windows.matrix != NO_WINDOWS])
+        # the matrix has each pair twice
         said = ", ".join(f"{_distance(d)}: {n // 2} pairs" for d, n in sorted(count.items()))
         lines.append(f"{windows.side}x{windows.side}: {said or 'no windows'}")
     near = nearest_tapes(result.across[0], _NEAREST_TAPES)

@@ -62,6 +62,7 @@ def verify(
             before = () if verification is None else verification.checks
             how: dict[str, Any] = {"overwrite": overwrite, "quick": quick, "reproduce": reproduce}
             verification = _verified(kit, contact, sensor, map_file, said, workers, **how)
+            # without a key the signature is looked at last: a signed kit has a warning then, an unsigned one no line
             verification = replace(verification, checks=(*verification.checks, *(before or _signed(kit, None, said).checks)))
         clear_step()
         if as_json:

@@ -139,6 +139,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
     from tactape_fab.sense.live.opening import Wishes
 
     def value(option: str, read: Callable[[str], Any] = str) -> Any:
+        # a value with another sensor's name is not for this one; the last of several counts
         own = [text.removeprefix(f"{name}=") for text in given[option] if names and text.startswith(f"{name}=")]
         common = [text for text in given[option] if not any(text.startswith(f"{other}=") for other in names)]
         return read((own or common)[-1]) if own or common else None
@@ -150,6 +151,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
         idle=None if given["idle"] is None else seconds(given["idle"]),
         crop=value("crop", pair),
         no_drop=given["no_drop"],
+        # some sensors of several have a background or a network: one without either gives depth
         raw=given["raw"] and not (some_raw and background is None and weights is None),
         background=background,
         weights=weights,
@@ -229,6 +231,7 @@ def _run(
                 if not write(located, name):
                     message = f"frame {located.frame} has no timestamp that a message can have; it is not written"
                     tallies[name].trouble(Trouble(kind="no timestamp", message=message))
+            # the tally counts this answer only when the next one is asked for
             if count is not None and sum(tally.answered for tally in tallies.values()) + 1 >= count:
                 stop.set()
         _warn(tallies)
@@ -278,6 +281,7 @@ def _ended_by_signals(stop: Event) -> Iterator[None]:
 
     def end(which: int, _: object) -> None:
         stop.set()
+        # the handler from before: the second signal interrupts
         signal.signal(which, before[signal.Signals(which)])
 
     for which in (signal.SIGINT, signal.SIGTERM):
