@@ -15,7 +15,7 @@ from tactape_fab.texture.frames import snap_mm
 
 _MARK_APART_MM = 1.5
 _CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
-# opposite corners first: two tooling holes then fix both place and rotation of the panel
+# opposite corners first: two tooling holes are then as far apart as the panel allows
 _HOLE_CORNERS = ((0, 0), (1, 1), (1, 0), (0, 1))
 
 
