@@ -157,7 +157,9 @@ class AsBuilt:
             raise SpecError(
                 Problem("nominal_mm", f"nominal_mm has {n} parts, {self.tape} has more; give Tape.part_xy_mm() of it")
             )
+        # nobody looked at the others: they scatter as the measured ones do, and a few measured ones do not say how much
         unlisted = self.scatter_mm if self.present.sum() >= LEAST_MEASURED else 0.0
+        # F p + d less p, with p as rows
         shift = nominal_mm @ (self.film.matrix - np.eye(2)).T
         np.add.at(shift, at, np.stack([self.dx_mm, self.dy_mm], axis=1))
         rotation, present, sigma = np.zeros(n), np.ones(n, dtype=bool), np.full(n, unlisted)
@@ -174,6 +176,7 @@ class AsBuilt:
     def mean_mm(self) -> float:
         """How far the parts that are there are off together; 0 without any."""
         there = self.present
+        # the film's stretch is taken out of dx and dy, so that this is a shift of all parts alone
         return float(np.hypot(self.dx_mm[there].mean(), self.dy_mm[there].mean())) if there.any() else 0.0
 
     @property

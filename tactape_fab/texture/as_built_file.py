@@ -102,6 +102,7 @@ def read_values(table: Fields) -> dict[str, Any]:
     source = _read_source(table) if "source" in table.values else ()
     if table.problems:
         raise SpecError([Problem("as-built", problem.message) for problem in table.problems])
+    # `AsBuilt` has its numbers ascending, in whatever order the file lists them
     order = np.argsort(number, kind="stable")
     return {
         "tape": name,

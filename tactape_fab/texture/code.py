@@ -92,12 +92,15 @@ _CODES: tuple[Code, ...] = (
         name=DEFAULT_CODE,
         main=de_bruijn(2, 4),
         secondary=(de_bruijn(3, 3), de_bruijn(5, 3)),
+        # with digits 0 to 2 and 0 to 4 the differences are 1 to 15: 0 would make two columns alike
         least_difference=1,
+        # 255 strides of 12 and a tape of 315 points fit in the 3,375 of the plane
         origin_stride=12,
     ),
     PlaneCode(
         name="debruijn-4x4",
         main=de_bruijn(2, 4),
+        # all 16 differences, one sequence: 4,096 columns, as the paper says of a main sequence of 16 (16^3)
         secondary=(de_bruijn(16, 3),),
         least_difference=0,
         origin_stride=12,
@@ -105,6 +108,7 @@ _CODES: tuple[Code, ...] = (
     PlaneCode(
         name="anoto-6x6",
         main=anoto_main(),
+        # 54 differences, 5 to 58, of digits with the weights 1, 3, 9 and 18
         secondary=anoto_secondary(),
         least_difference=5,
         origin_stride=1000,
@@ -113,10 +117,13 @@ _CODES: tuple[Code, ...] = (
         name="trace-22",
         degree=22,
         polynomial=0x21C8AB,
+        # constants that came first of some thousand random ones (docs/codes.md); 129 is more than the 127 columns, so that rows
+        # do not overlap, and 129 * 127 * 256 exponents are fewer than the 2^22 - 1 there are
         columns_apart=129,
         y_exponent=429093,
         range=127,
         sectors=256,
+        # counted over the whole field: the least weight of the linear code of each shape
         proven={"3x3": 0, "disc-12": 2, "4x4": 4, "disc-21": 6, "5x5": 9},
     ),
     DesignedCode(name=TOUCH_CODE, window=4, sectors=4096, range=2000, most_points=MOST_TOUCH_POINTS, rungs=RUNGS),

@@ -70,6 +70,7 @@ class PlacementTable(Table):
 
     def written_deg(self, rotation_deg: float) -> float:
         """A counter-clockwise rotation in degrees, converted to this list's convention."""
+        # rounding may give 360, which is 0
         turned = round((-rotation_deg if self.clockwise else rotation_deg) % 360.0, 4) % 360.0
         return turned - 360.0 if self.half_turns and turned > 180.0 else turned
 
@@ -235,18 +236,22 @@ def plain_columns(text: str, separator: str | None) -> list[list[str]] | None:
     None for any other, which may be a table all the same. Large lists are read so in a tenth of the time.
     """
     ends = text.count("\n")
+    # RFC 4180: lines end with CR LF, and only quoted cells hold quotes, separators or line ends
     if separator is None or '"' in text or "\0" in text or not text.endswith("\r\n"):
         return None
     if text.count("\r") != ends or text.count("\r\n") != ends:
         return None
+    # in UTF-8 no byte of a longer letter is below 128, so that each such byte is a mark
     letters = np.frombuffer(text.encode("utf-8"), dtype=np.uint8)
     marks = np.flatnonzero((letters == ord(separator)) | (letters == ord("\n")))
     width = len(marks) // ends
     of_row = np.append(np.full(width - 1, ord(separator)), ord("\n"))
     if width < 2 or len(marks) != width * ends or (letters[marks].reshape(-1, width) != of_row).any():
         return None
+    # the csv module refuses such a cell, and so must this way
     if int(np.diff(marks, prepend=-1).max()) > csv.field_size_limit():
         return None
+    # the marks were checked to come row by row, so that column i is every width-th cell
     cells = text.removesuffix("\r\n").replace("\r\n", separator).split(separator)
     return [cells[i::width] for i in range(width)]
 
@@ -298,6 +303,7 @@ def _numbers(cells: Sequence[str]) -> FloatArray:
 
     Python reads '_' and the digits of every alphabet, too: '1_0' would be 10 here and 1 elsewhere.
     """
+    # letters of all cells are checked in one go, and cells are read one by one only where one is odd
     if all(cells) and written_with("".join(cells), _OF_NUMBERS):
         try:
             return np.array(list(map(float, cells)))

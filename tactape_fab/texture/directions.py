@@ -47,11 +47,13 @@ class Directions:
     @property
     def bits(self) -> int:
         """Bits of a symbol."""
+        # log2 of the count, which is a power of 2
         return self.count.bit_length() - 1
 
     @property
     def spacing(self) -> float:
         """Distance of neighbouring places over that of four directions: chords of one circle."""
+        # the chord of an angle 2 pi / n is 2 sin(pi / n)
         return sin(pi / self.count) / sin(pi / 4.0)
 
     @property
@@ -61,11 +63,13 @@ class Directions:
 
 
 DIRECTIONS = {
+    # neighbouring places are sqrt(2) displacements apart: a part within 0.71 of its own is nearest to it
     4: Directions(gray_codes=np.arange(4, dtype=np.uint8), clockwise=np.array([2, 3, 1, 0]), reads_within=1.0 / 2.0, usual=True),
     8: Directions(
         # counter-clockwise from N: N, w, W, s, S, e, E, n are 000, 001, 011, 010, 110, 111, 101, 100
         gray_codes=np.array([0, 3, 5, 6, 4, 1, 7, 2], dtype=np.uint8),
         clockwise=np.array([2, 6, 3, 7, 1, 5, 0, 4]),
+        # neighbouring places are 2 sin(22.5 deg) = 0.77 displacements apart, and half of that is 0.38
         reads_within=1.0 / 3.0,
     ),
 }

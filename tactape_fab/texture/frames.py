@@ -32,6 +32,7 @@ DIRECTIONS_XY: FloatArray = np.array(
 """Unit displacement of each symbol value in the texture frame, shape (8, 2): N is up, so -y (paper, Eq. 10)."""
 DIRECTIONS_XY.setflags(write=False)
 
+# with y down, (x, y) becomes (y, -x); the nearest direction is the largest product, exact but for rounding
 TURNED: SymbolArray = np.argmax((DIRECTIONS_XY @ np.array([(0.0, -1.0), (1.0, 0.0)])) @ DIRECTIONS_XY.T, axis=1).astype(np.uint8)
 """New value of each symbol after a turn of the texture by 90 degrees counter-clockwise, seen from above: N to W to S to E."""
 TURNED.setflags(write=False)
@@ -43,6 +44,7 @@ _NO_POINTS = Problem(
 )
 
 _LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)
+# 255 is no symbol of any number of directions, so that other letters are refused with those of too many directions
 _VALUE_OF_BYTE = np.full(256, 255, dtype=np.uint8)
 _VALUE_OF_BYTE[_LETTER_BYTES] = np.arange(len(LETTERS), dtype=np.uint8)
 
@@ -114,6 +116,7 @@ def board_to_picture(xy_mm: npt.ArrayLike, upper_left_mm: tuple[float, float], p
 
     Returns (..., 2): Pixels: u right, v down, integers at pixel centres.
     """
+    # a pixel's centre is half a pixel from the picture's edge
     return board_to_texture(xy_mm, upper_left_mm) * px_per_mm - 0.5
 
 

@@ -52,9 +52,12 @@ def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
         content = tape.to_mapping()
         row = {key: content.pop(key) for key in _OWN if key in content and key != "symbols"}
         del content["symbols"]
+        # the tag's id follows the sector: left in, every tape would be a design of its own
         if tape.tag is not None:
             row["tag_id"], content["tag"]["id"] = tape.tag.id, 0
+        # sorted keys, so that equal designs are equal texts
         rows.append({"design": designs.setdefault(json.dumps(content, sort_keys=True), len(designs)), **row, "fab": fab})
+    # a dict keeps the order of insertion, which is that of the numbers in the rows
     index = json.dumps({"designs": [json.loads(text) for text in designs], "tapes": rows}, separators=(",", ":")).encode()
     rest = b"".join([len(index).to_bytes(8, "little"), index, *(tape.symbols.tobytes() for tape in tapes)])
     return PACKED_FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest
@@ -83,9 +86,11 @@ def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
     except (OSError, ValueError) as error:
         raise _refused(path, reason_of(error)) from error
     begin = _HEADER + 8
+    # the length is checked before the digest, and bounds what is read as JSON
     size = int.from_bytes(data[_HEADER:begin], "little")
     if len(data) > MOST_BYTES or size > min(MOST_INDEX_BYTES, len(data) - begin):
         raise _refused(path, "it is cut off, or too large")
+    # a slice of the map itself would copy the file into memory
     with memoryview(data) as view:
         digest = sha256(view[_HEADER:]).hexdigest().encode() + b"\n"
     if data[len(PACKED_FIRST_LINE) : _HEADER] != digest:
@@ -131,6 +136,7 @@ def _tapes(path: Path, data: SymbolArray, at: int, designs: Sequence[Any], rows:
 
 def _first_of(content: dict[str, Any], row: dict[str, Any], symbols: SymbolArray) -> Tape:
     """A tape from its design and its row, as from a manifest."""
+    # only for the letters below; `Tape.from_mapping` refuses a number that is neither
     directions = 8 if content.get("directions") == 8 else 4
     if symbols.max() >= directions:
         raise SpecError(f"a symbol is {symbols.max()}, and there are {directions}")

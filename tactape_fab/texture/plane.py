@@ -142,6 +142,8 @@ class PlaneCode(TapesOfPlane):
         The origins of any two sectors are at least one stride apart on both axes, and tapes of up to 166 x 166 points never
         overlap in the plane, so that sectors are not shifts of one another.
         """
+        # 17 is coprime to 256 and to 3969, so that no two sectors share a row. Sectors whose columns are near have rows far
+        # apart: one sector on is 17 strides of rows, and of 256 sectors the rows come near again only 15 on
         return self.origin_stride * sector, self.origin_stride * (17 * sector % self.sectors)
 
     @cached_property
@@ -174,6 +176,8 @@ class PlaneCode(TapesOfPlane):
         row = origin[1] + np.arange(rows, dtype=np.int64)
         bits = self.main.digits.astype(np.uint8)
         phases = np.arange(length)
+        # X depends on the column through its phase alone, of which there are L: a table by row and phase, from which each column
+        # takes its own, costs rows x L instead of rows x columns
         x_of_phase = bits[(row[:, None] + u + phases) % length]  # (rows, L)
         y_of_phase = bits[(column + v + phases[:, None]) % length]  # (L, columns)
         x = x_of_phase.take(self.phase_before(column), axis=1)
@@ -188,6 +192,7 @@ class PlaneCode(TapesOfPlane):
         column, column_phase, column_valid = _places_along_columns(self, values & 1)
         row_t, row_phase_t, row_valid_t = _places_along_columns(self, (values >> 1).T)
         row, row_phase = row_t.T, row_phase_t.T
+        # the phase of a column at a row is row + u + the differences before it: solved for u, and alike for v
         u = (column_phase - self.phase_before(column) - row) % length
         v = (row_phase - self.phase_before(row) - column) % length
         valid = column_valid & row_valid_t.T
@@ -256,18 +261,23 @@ def _places_along_columns(code: PlaneCode, bits: IntArray) -> tuple[IntArray, In
     """Plane column of each window, the phase of its first column, and validity, from the x bits of a patch."""
     n, length = code.window, code.main.length
     windows = np.lib.stride_tricks.sliding_window_view(bits, n, axis=0)  # (rows', columns, n)
+    # n bits down a column are a word that M has once: its place is the phase
     phase = code.main.place_of_window[windows @ code.main.digit_weights]
     phase_valid = phase >= 0
+    # the differences of neighbouring columns, less the least one: a number of mixed radix, a digit of each secondary sequence
     excess = (phase[:, 1:] - phase[:, :-1] - code.least_difference) % length
     valid = np.asarray(np.lib.stride_tricks.sliding_window_view(phase_valid, n, axis=1).all(axis=-1))
+    # microdots-4x4 has 15 differences of 16, anoto-6x6 54 of 63; another cannot be
     steps_known = excess < prod(s.base for s in code.secondary)
     valid &= np.lib.stride_tricks.sliding_window_view(steps_known, n - 1, axis=1).all(axis=-1)
     place: IntArray = np.zeros(valid.shape, dtype=np.int64)
     for weight, sequence, factor in zip(code.weights, code.secondary, code._crt_factors, strict=True):
         digit = excess // weight % sequence.base
+        # n columns have n - 1 differences, so that secondary sequences are of order n - 1
         words = np.lib.stride_tricks.sliding_window_view(digit, n - 1, axis=1) @ sequence.digit_weights
         residue = sequence.place_of_window[words]
         valid &= residue >= 0
+        # where a residue is -1 this is no place; the mask says so
         place += residue * factor
     return place % code.range, phase[:, : valid.shape[1]], valid
 

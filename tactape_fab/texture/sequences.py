@@ -57,6 +57,7 @@ class NumberSequence:
 
     def sum_before(self, index: IntArray) -> IntArray:
         """Sum of the digits at places 0 ... index - 1 of the periodic sequence; any index >= 0, same shape out."""
+        # whole periods and the rest: no array as long as the index, which reaches 410,815,348
         turns, place = np.divmod(index, self.length)
         return np.asarray(turns * self._prefix_sums[-1] + self._prefix_sums[place], dtype=np.int64)
 
@@ -71,8 +72,10 @@ def de_bruijn(base: int, order: int) -> NumberSequence:
     word = [-1]
     while word:
         word[-1] += 1
+        # only these words, of length n or a divisor, are periods of words of n digits
         if order % len(word) == 0:
             digits += word
+        # Duval's successor: the word repeated to n digits, its last digits k - 1 dropped, and the last of the rest raised by one
         period = len(word)
         while len(word) < order:
             word.append(word[-period])

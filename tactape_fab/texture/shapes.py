@@ -18,6 +18,7 @@ CHORD_ERROR_MM = 0.0005
 def rotate(xy_mm: npt.ArrayLike, angle_deg: float) -> FloatArray:
     """Turn points counter-clockwise about the origin; shape (..., 2)."""
     c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    # points are rows, so that the matrix is the transpose of [[c, -s], [s, c]]
     turned: FloatArray = np.asarray(xy_mm, dtype=np.float64) @ np.array([[c, s], [-s, c]])
     return turned
 
@@ -26,6 +27,7 @@ def outline_corner_points(corner_radius_mm: float) -> int:
     """Vertices per corner that keep the chords of the board's outline within CHORD_ERROR_MM of its arc."""
     if corner_radius_mm <= CHORD_ERROR_MM:
         return 2
+    # a chord of angle a lies r (1 - cos(a / 2)) within its arc; pi / 2 takes as many chords as that allows, and one vertex more
     return max(CORNER_POINTS, ceil(pi / 4 / acos(1 - CHORD_ERROR_MM / corner_radius_mm)) + 1)
 
 
@@ -40,6 +42,7 @@ def rounded_rectangle(
     angle = np.linspace(0.0, pi / 2, corner_points) + np.array([-pi / 2, 0.0, pi / 2, pi])[:, None]
     centre = (half - corner_radius_mm) * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
     corners = centre[:, None] + corner_radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    # a straight side is the chord from one corner's last vertex to the next one's first
     points: FloatArray = corners.reshape(-1, 2)
     apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1e-9  # a full-radius end joins two corners in one point
     distinct: FloatArray = points[apart]
@@ -68,6 +71,7 @@ def reach_mm(outline_mm: FloatArray) -> tuple[float, float]:
 def area_mm2(outline_mm: FloatArray) -> float:
     """Area of a simple polygon, shape (k, 2), of either orientation."""
     x, y = outline_mm.T
+    # shoelace formula
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 
 
@@ -81,6 +85,8 @@ def inset_mm(xy_mm: FloatArray, size_mm: tuple[float, float], corner_radius_mm: 
     Returns (...).
     """
     half = np.array(size_mm) / 2
+    # the outline is the rectangle that is smaller by the radius on each side, grown by it: distance to that rectangle, negative
+    # inside, less the radius
     beyond = np.abs(xy_mm - half) - (half - corner_radius_mm)
     outside = np.hypot(*np.moveaxis(np.maximum(beyond, 0.0), -1, 0))
     inside = np.minimum(beyond.max(axis=-1), 0.0)

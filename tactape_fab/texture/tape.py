@@ -104,6 +104,7 @@ class Tape:
         """`placed` less the parts that are missing as built; shape (rows, columns)."""
         present = self.placed
         if self.as_built is not None and self.as_built.missing:
+            # a mask's true entries come row by row, as designators do
             present[present] = self.built_parts().present
         return present
 
@@ -134,8 +135,10 @@ class Tape:
 
     def part_xy_mm(self) -> FloatArray:
         """Nominal part centres in the board frame, designator order, snapped to 1 nm; shape (n, 2), mm."""
+        # column and row, as x and y; arrays of the grid are indexed by row and column
         cells = self.cells()
         symbols = self.symbols[cells[:, 1], cells[:, 0]]
+        # paper, Eq. 9: a part is at W times its cell, and Delta in its symbol's direction
         texture_mm = cells * self.pitch_mm + self.displacement_mm * DIRECTIONS_XY[symbols]
         return snap_mm(texture_to_board(texture_mm, self.board.texture_origin_mm))
 
@@ -274,6 +277,7 @@ def _read_tape(table: Fields) -> Tape:
     rows = table.integer("rows", low=code.window, high=code.range, default=code.window)
     name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
+    # from W / 2 on, a part is no nearer to its own grid point than to a neighbour's
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
     directions = read_directions(table, code)
     board = read_board(table.table("board"))
@@ -330,6 +334,7 @@ def _read_omitted(table: Fields, rows: int, columns: int) -> IntArray:
     if table.problems or not inside:
         raise SpecError([*table.problems, Problem("omitted", "omitted is not a list of [column, row] inside the grid")])
     omitted = np.array(entries, dtype=np.int64).reshape(-1, 2)
+    # twice in the list is once in the mask: `part_count` would be too small
     if len(np.unique(omitted, axis=0)) != len(omitted):
         raise SpecError(Problem("omitted", "omitted names a grid point twice"))
     return omitted

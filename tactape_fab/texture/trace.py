@@ -71,18 +71,25 @@ class TraceCode(TapesOfPlane):
 
     def patch(self, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
         rows, columns = shape
+        # one product a row is enough: the bits along a row are the same linear functions of the row's first element, wherever it
+        # lies
         first = self.power(origin[0] + self.columns_apart * (origin[1] + self.range * sector))
         down = self.products(self._rows_on[:rows], np.array(first))
         x, y = (_parity(down[:, None] & along).astype(np.uint8) for along in self._line_functions[:columns].T)
         return np.asarray(x | y << 1)
 
     def locate(self, symbols: SymbolArray) -> WindowPlaces:
+        # a word has the bits in the order of `_window_functions`: row by row, x before y
         words = windows_of(symbols, np.ones(symbols.shape, dtype=bool), self.window, turns=1).words[0][0].astype(np.int64)
         elements = _linear(words, self._solution)
+        # m of the window's bits give an element, whatever they are; the rest must be its bits too, or a symbol is wrong. The word
+        # of zeros gives element 0, which is no power of a
         known = (elements > 0) & (_linear(elements, self._window_functions) == words)
+        # 0 has no logarithm, so that 1 stands in for what is not known
         row, column = np.divmod(self.logarithms(np.where(known, elements, 1)), self.columns_apart)
         sector, row = np.divmod(row, self.range)
         shape = (symbols.shape[0] - self.window + 1, symbols.shape[1] - self.window + 1)
+        # exponents between two rows (C > R), and past the last sector, belong to no place
         known &= (column < self.range) & (sector < self.sectors)
         column, row, sector = (np.where(known, of, -1).reshape(shape) for of in (column, row, sector))
         return WindowPlaces(valid=known.reshape(shape), column=column, row=row, sector=sector)
@@ -97,6 +104,8 @@ class TraceCode(TapesOfPlane):
         A bit is the parity of z and its function.
         """
         rows, columns = shape
+        # a linear function is known by its values at the basis a^0 ... a^(m-1): bit t of a place's function is the place's bit
+        # where the first element is a^t
         down = self._geometric(1, self.power(self.columns_apart), rows)
         places = self.products(down[:, None], self._geometric(1, 2, columns))
         symbols = self.symbols_of(self.products(places[..., None], 1 << np.arange(self.degree)))
@@ -112,6 +121,8 @@ class TraceCode(TapesOfPlane):
     def products(self, a: IntArray, b: IntArray) -> IntArray:
         """Products of elements, broadcast."""
         total = np.zeros(np.broadcast_shapes(a.shape, b.shape), dtype=np.int64)
+        # schoolbook product of polynomials over GF(2): a x^k for each term x^k of b, addition being XOR; where the top
+        # coefficient leaves the word, P is subtracted, so that a stays below x^m
         for bit in range(self.degree):
             total ^= a * (b >> bit & 1)
             a = a << 1 ^ (a >> self.degree - 1) * (self.polynomial | 1 << self.degree)
@@ -136,18 +147,24 @@ class TraceCode(TapesOfPlane):
 
     def logarithms(self, elements: IntArray) -> IntArray:
         """Exponents e of nonzero elements a^e, by the order's prime factors (Pohlig and Hellman, 1978); shape (n,)."""
+        # z^(2^k) for every k, from which any power is a product
         squares = [elements]
         for _ in range(self.degree - 1):
             squares.append(_linear(squares[-1], self._square_function))
         exponent = np.zeros(elements.shape, dtype=np.int64)
         for prime in self.primes:
+            # with N the order and p a prime of it, z^(N/p) = (a^(N/p))^e lies in the subgroup of p elements, and its place there
+            # is e mod p: a table of at most 683 entries in place of one of 4 million
             cofactor = self.order // prime
             raised = np.ones_like(elements)
             for bit, square in enumerate(squares):
                 raised = self.products(raised, square) if cofactor >> bit & 1 else raised
+            # element k is a^(k N/p); sorted, so that a search gives k
             group = self._geometric(1, self.power(cofactor), prime)
             order = group.argsort()
             residue = order[np.searchsorted(group[order], raised)]
+            # the term is the residue modulo p and 0 modulo the other primes, since N/p has an inverse modulo p where p occurs in
+            # N once; each stays below N p < 2^32
             exponent += residue * (cofactor * pow(cofactor, -1, prime))  # Chinese remainder theorem
         return exponent % self.order
 
@@ -161,12 +178,14 @@ class TraceCode(TapesOfPlane):
     @cached_property
     def _y_function(self) -> int:
         """The parity of z and this is the y bit of z: bit t is the y bit of a^t."""
+        # y(z) is the x bit of a^G z, and 2 is the element a itself
         of_powers = self._geometric(self.power(self.y_exponent), 2, self.degree) & 1
         return int((of_powers << np.arange(self.degree)).sum())
 
     @cached_property
     def primes(self) -> list[int]:
         """Prime factors of the order, each of which occurs once."""
+        # 2^m - 1 is odd
         factors, left = [], self.order
         for number in range(3, self.order):
             if left % number == 0:
@@ -179,6 +198,7 @@ class TraceCode(TapesOfPlane):
     @cached_property
     def _square_function(self) -> IntArray:
         """Row t: the parity of z and this is bit t of z^2; squaring is linear. Shape (m,)."""
+        # (sum of z_t a^t)^2 = sum of z_t a^2t: the mixed terms come twice, and cancel
         columns = [self.power(2 * bit) for bit in range(self.degree)]
         return np.array([sum((column >> t & 1) << bit for bit, column in enumerate(columns)) for t in range(self.degree)])
 
@@ -200,12 +220,15 @@ class TraceCode(TapesOfPlane):
     @cached_property
     def _solution(self) -> IntArray:
         """Row t: the parity of a window's word and this is bit t of its element. Gauss-Jordan elimination; shape (m,)."""
+        # each equation: a function of the element, and which of the word's bits add up to it
         rows = [(int(function), 1 << bit) for bit, function in enumerate(self._window_functions)]
         for t in range(self.degree):
+            # there is one for every t, since a window determines its place (rank m)
             pivot = next(k for k in range(t, len(rows)) if rows[k][0] >> t & 1)
             rows[t], rows[pivot] = rows[pivot], rows[t]
             of, by = rows[t]
             rows = [(f ^ of, w ^ by) if k != t and f >> t & 1 else (f, w) for k, (f, w) in enumerate(rows)]
+        # the equations left over, 2 n^2 - m of them, are the parity checks; `locate` encodes again instead
         return np.array([by for _, by in rows[: self.degree]])
 
 

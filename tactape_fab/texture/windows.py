@@ -60,6 +60,7 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
     words = np.zeros((word_count, turns, high, wide), dtype=np.uint64)
     cells = np.arange(side * side).reshape(side, side)
     turned, codes = symbols, DIRECTIONS[directions].gray_codes.astype(np.uint64)
+    # two things turn: a part goes to another point of the window (`rot90`), and points another way there (`TURNED`)
     for k in range(turns):
         for target, source in enumerate(np.rot90(cells, k).ravel().tolist()):
             word, place = divmod(target, WORD_BITS // bits)
@@ -74,6 +75,7 @@ def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: in
     total = np.zeros(np.broadcast(a[0], b[0]).shape, dtype=np.uint8)
     for word_a, word_b in zip(a, b, strict=True):
         differing = word_a ^ word_b
+        # a symbol counts once, however many of its bits differ: they are gathered in its lowest
         differing |= differing >> np.uint64(1) if bits == 2 else (differing >> np.uint64(1)) | (differing >> np.uint64(2))
         differing &= _LOW_BITS[bits]
         total += bit_count(differing)
@@ -85,8 +87,10 @@ def bit_count(words: WordArray) -> npt.NDArray[np.uint8]:
     if hasattr(np, "bitwise_count"):
         return np.asarray(np.bitwise_count(words), dtype=np.uint8)
     words = np.asarray(words, dtype=np.uint64)
+    # of two bits ab, 2a + b less a is their sum; likewise of sums of 2, and of 4
     pairs = words - ((words >> np.uint64(1)) & _PAIRS)
     fours = (pairs & _FOURS) + ((pairs >> np.uint64(2)) & _FOURS)
     eights = (fours + (fours >> np.uint64(4))) & _EIGHTS
+    # the product adds all eight bytes up in the highest; at most 64, so that none carries into the next
     counts: npt.NDArray[np.uint8] = ((eights * _BYTES) >> np.uint64(56)).astype(np.uint8)
     return counts

@@ -56,6 +56,8 @@ class Closest:
     @property
     def detects(self) -> int | None:
         """Largest number of wrong symbols that never turns a window into another one."""
+        # Hamming: another window is `distance` symbols away, and so many less one do not reach it; half as many stay on this side
+        # of the middle
         return None if self.distance is None else max(self.distance - 1, 0)
 
     @property
@@ -181,8 +183,10 @@ def proven_between(tapes: Sequence[Tape]) -> dict[str, int]:
 def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
     """The smallest side whose windows differ by that much; distances never decrease from one side to the next."""
     distance = {size.side: size.distance for size in known}
+    # larger squares only where 6x6 does not do, and a smaller one only where 4x4 does: both searches take long
     for side in range(max(SIDES) + 1, MOST_SIDE + 1) if (distance[max(SIDES)] or 0) < least else ():
         distance[side] = closest(tape, side, distance[side - 1] or 0).distance
+    # a window holds those that are smaller: if 4x4 do not reach the distance, 3x3 do not either
     if (distance[min(SIDES)] or 0) >= least:
         distance[LEAST_SIDE] = closest(tape, LEAST_SIDE).distance
     return min((side for side, apart in distance.items() if (apart or 0) >= least), default=None)
@@ -200,6 +204,7 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
     """
     found: list[Pairs] = []
     least = windows.side**2 + 1
+    # the wider a search, the slower: it widens until it finds any, and starts where smaller windows have said that there is none
     for most in (step for step in _STEPS if step >= min(at_least, windows.side**2)):
         search = plan_search(windows.side, windows.count, min(most, windows.side**2))
         pairs = 0
@@ -211,6 +216,7 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
                 alike = np.flatnonzero(some.distance == least)
                 pairs += len(alike)
                 found = [first_pairs([*found, some.taken(alike)])]
+        # all pairs up to `most` were compared, so that a nearest one among them is the nearest of all
         if pairs or search.most >= windows.side**2:
             break
     listed = found[0] if found else None
@@ -235,6 +241,7 @@ def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntAr
     distance = np.full(windows.count, most + 1, dtype=np.int64)
     for pairs in near_pairs(windows.words, plan_search(side, windows.count, most), bits=windows.bits):
         for end in (pairs.first, pairs.second):
+            # a window may be in several pairs: plain indexing would keep the last of them
             np.minimum.at(distance, end, pairs.distance)
     return windows.corner_rc, distance
 

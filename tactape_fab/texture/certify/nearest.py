@@ -65,7 +65,9 @@ def plan_search(side: int, count: int, most: int) -> Search:
     most: Largest distance of interest, in symbols.
     """
     cells = side * side
+    # three turns of each window; an upright one is compared with those after it, n^2 / 2, and with all in two other turns, 2 n^2
     keys, pairs = 3.0 * count, 2.5 * count * count
+    # nothing has to agree: every pair is compared, which is the fastest for few windows
     best = Search(parts=(tuple(range(cells)),), agreeing=0, most=cells)
     least = pairs * _SECONDS_PER_PAIR + keys * _SECONDS_PER_KEY
     for parts in range(most + 1, cells + 1):
@@ -73,6 +75,7 @@ def plan_search(side: int, count: int, most: int) -> Search:
         sorts = comb(parts, agreeing)
         if sorts > _MOST_SORTS:
             continue
+        # so many pairs agree by chance in the points of the agreeing parts
         compared = pairs * 2.0 ** (-_BITS_PER_SYMBOL * cells * agreeing / parts)
         seconds = sorts * (_SECONDS_PER_SORT + keys * _SECONDS_PER_KEY + compared * _SECONDS_PER_PAIR)
         if seconds < least:
@@ -102,6 +105,7 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
     for chosen in combinations(range(len(masks)), search.agreeing):
         order, ends = _runs(flat, [masks[i] for i in chosen], firsts)
         sorted_words = tuple(w[order] for w in flat)
+        # the windows of the first turn alone begin pairs: turning both by the same angle changes nothing
         starts = np.flatnonzero(order < firsts)
         others = [masks[i] for i in range(max(chosen, default=0)) if i not in chosen]
         for a, b in _within_runs(starts, ends[starts]):
@@ -118,6 +122,8 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
                 near = near[~agrees]
             first = order[a[near]]
             turn, second = np.divmod(order[b[near]], count)
+            # half a turn is the same both ways, so that such a pair is met twice; upright pairs come in the order of the sort,
+            # first < second
             kept = (turn != 2) | (first <= second) if queries is None else second >= queries
             yield Pairs(first=first[kept], second=second[kept], turn=turn[kept], distance=distance[near][kept])
 
@@ -138,27 +144,32 @@ def _runs(words: tuple[WordArray, ...], masks: list[tuple[np.uint64, ...]], firs
     highest bits tells them, and there are two thirds fewer to sort.
     """
     n = len(words[0])
+    # the low bits hold a window's number, so that sorting keys sorts windows of equal hash by turn, then by place
     bits = np.uint64(max(n - 1, 1).bit_length())
     low = (np.uint64(1) << bits) - np.uint64(1)
     key = np.zeros(n, dtype=np.uint64)
     for i, word in enumerate(words):
         mask = np.uint64(sum(int(m[i]) for m in masks))
         part = word & mask
+        # a multiplication mixes only upwards; the shift brings the high bits down before it
         part ^= part >> np.uint64(29)
         part *= _MIX[i % len(_MIX)]
         key += part
     key ^= key >> np.uint64(32)
     key *= _MIX[-1]
     place = key >> (np.uint64(64 - _TABLE_BITS) - bits)
+    # marks hashes of windows that begin pairs; a chance hit, of at most one in eight, costs a comparison and loses nothing
     known = np.zeros(1 << (int(bits) + _TABLE_BITS), dtype=bool)
     known[place[:firsts]] = True
     kept = np.flatnonzero(known[place])
+    # a sort of plain words, which takes half the time of an argsort
     key = key[kept] & ~low | kept.astype(np.uint64)
     key.sort()
     order = (key & low).astype(np.int64)
     key >>= bits
     last = np.flatnonzero(key[1:] != key[:-1]) + 1
     bounds = np.append(last, len(key))
+    # for each window the end of its run
     ends = np.repeat(bounds, np.diff(bounds, prepend=0))
     return order, ends
 
@@ -171,6 +182,7 @@ def _within_runs(starts: IntArray, ends: IntArray) -> Iterator[tuple[IntArray, I
     at = 0
     while at < len(starts):
         done = int(total[at - 1]) if at else 0
+        # at least one start, though its run alone may be longer than a portion
         until = max(int(np.searchsorted(total, done + _CHUNK, side="right")), at + 1)
         some = lengths[at:until]
         before = np.cumsum(some) - some

@@ -72,6 +72,7 @@ def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[T
             )
         )
     looked_at = len(origins)
+    # distance from other tapes comes before that within the tape: two tapes confused give the wrong tape
     others: int | None = None
     if avoid:
         cut = [windows_of(encode(code, sector, o, placed.shape), placed, _SIDE, turns=4) for o in origins]
@@ -128,10 +129,13 @@ def _origins(code: Plane, sector: int, shape: tuple[int, ...], count: int) -> li
     shifts of each other.
     """
     default = default_origin(code.name, sector)
+    # each sector has its own piece of the sequence, so that two tapes do not try the same origins
     number = 1.0 + sector * MOST_CANDIDATES + np.arange(count - 1)
     room = np.array([code.range - shape[1] + 1, code.range - shape[0] + 1])
+    # a fraction of the room left by the tape, so that it always fits
     spread = np.floor(np.outer(number, _STEP_XY) % 1.0 * room).astype(np.int64)
     sectors = np.array([default_origin(code.name, s) for s in range(code.sectors) if s != sector])
+    # two rectangles of one size are apart if their corners are a side apart along either axis
     apart = (np.abs(spread[:, None] - sectors) >= (shape[1], shape[0])).any(axis=2).all(axis=1)
     origins = [(int(c), int(r)) for c, r in (spread[apart] if apart.any() else spread)]
     return ([default] if _fits(default, code, shape) else []) + origins
@@ -156,12 +160,14 @@ def _farthest(cut: Sequence[Windows], avoid: Sequence[Tape]) -> tuple[list[int],
     queries = sum(w.count for w in cut)
     left = np.arange(len(cut))
     for most in range(BEYOND):
+        # windows of candidates that are out already need no search; those to avoid come after all candidates'
         kept = np.flatnonzero(np.isin(tape_of, left) | (np.arange(len(tape_of)) >= queries))
         mine = int((kept < queries).sum())
         near = np.zeros(len(cut), dtype=np.int64)
         search = plan_search(_SIDE, len(kept), most)
         for pairs in near_pairs(tuple(w[:, kept] for w in words), search, queries=mine):
             near += np.bincount(tape_of[kept[pairs.first[pairs.distance <= most]]], minlength=len(cut))
+        # every candidate left has pairs at this distance, so that it is the largest to be had
         if (near[left] > 0).all():
             fewest = near[left].min()
             return [int(i) for i in left[near[left] == fewest]], most
@@ -176,9 +182,12 @@ def _windows(code: Plane, sector: int, origin: Origin, placed: BoolArray, side: 
 def _merit(code: Plane, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
     """Score of an origin as a tuple, larger is better; None if 4x4 windows are nearer than `least`."""
     windows = _windows(code, sector, origin, placed, _SIDE)
+    # most origins are no better than the best so far: pairs nearer than that show it, and take a shorter search than the nearest
+    # ones
     if least and any(len(p.first) for p in near_pairs(windows.words, plan_search(_SIDE, windows.count, least - 1))):
         return None
     nearest = closest_windows(windows, least or 0)
+    # a 5x5 window holds a 4x4 one, and differs in at least as much
     further = closest_windows(_windows(code, sector, origin, placed, _NEXT_SIDE), nearest.distance or 0)
     return nearest.distance or 0, further.distance or 0, -nearest.pairs
 

@@ -94,6 +94,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     if len(tapes) == 0:
         raise SpecError(Problem("tapes", "tapes holds no tape; give at least one"))
     count = len(tapes)
+    # tapes of four and of eight directions are compared in words of three bits, where both have them
     directions = max((t.directions for t in tapes), default=4)
     windows = [windows_of(t.symbols, t.present, side, directions=directions) for t in tapes]
     words, tape_of, corner_rc = joined(windows)
@@ -104,11 +105,13 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     shared = np.zeros((count, count), dtype=np.int64)
     least, pairs, listed = BEYOND, 0, _no_pairs()
     for most in _STEPS:
+        # tapes that already have a distance from every other one are left out of wider searches
         unknown = np.flatnonzero((matrix == BEYOND).any(axis=1))
         if len(unknown) == 0:
             break
         kept = np.flatnonzero(np.isin(tape_of, unknown))
         search = plan_search(side, len(kept), most)
+        # pairs at the least distance are counted in the search that finds it, which is complete; a wider one lacks tapes
         settled = least < BEYOND
         for found in near_pairs(tuple(w[:, kept] for w in words), search, bits=windows[0].bits):
             some = _between_tapes(found, kept, tape_of)
@@ -124,6 +127,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
             at_least = np.flatnonzero(some.distance == least)
             pairs += len(at_least)
             listed = first_pairs([listed, some.taken(at_least)])
+        # pairs come with the earlier tape first, and fill one half
         matrix = np.minimum(matrix, matrix.T)
     return Across(
         side=side,

@@ -58,6 +58,8 @@ def next_number(state: WordArray) -> np.uint64:
 @inner_kernel()
 def _below(state: WordArray, count: int | np.int64) -> int:
     """A whole number from 0 to `count` - 1."""
+    # the upper 32 bits as a fraction, times count: the bias is at most count / 2^32, and it always takes one number of the
+    # generator
     return np.int64(((next_number(state) >> np.uint64(32)) * np.uint64(count)) >> np.uint64(32))  # type: ignore[return-value]
 
 
@@ -77,6 +79,8 @@ def _find(
     count = 0
     for start in range(first, last, _BLOCK):
         end = min(start + _BLOCK, last)
+        # the least of a block without a branch first, which compilers vectorise; few blocks hold a hit, and only these are gone
+        # through again
         nearest = 64
         for k in range(start, end):
             nearest = min(nearest, count_ones((words[k] ^ word) & mask))
@@ -107,6 +111,7 @@ def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, buffe
                     first = patch if turn in (1, 2) else patch + 1
                 bits = least_given[shape] if turn == _GIVEN else least[shape, turn]
                 hits = _find(word, ~np.uint64(0), words, first, last, bits, buffers.found) if bits > 0 else 0
+                # a full buffer may have left some out, so it counts as too many
                 if hits == len(buffers.found) or count + hits > len(buffers.conflicts):
                     return -1
                 for k in range(hits):
@@ -136,10 +141,12 @@ def repair(
     if count < 0:
         return False
     for _ in range(steps):
+        # the list also holds conflicts that later changes repaired: taking each out at once would need a search of the list
         count, chosen = _next_conflict(patches, least, least_given, count, state, buffers)
         if count == 0:
             return True
         shape, patch = buffers.conflicts[chosen, 0], buffers.conflicts[chosen, 1]
+        # either patch of the pair may be changed, but patches that are given stay
         if buffers.conflicts[chosen, 2] != _GIVEN and _below(state, np.int64(2)) == 1:
             patch = buffers.conflicts[chosen, 3]
         cell, wide = shapes.cells[shape, _below(state, shapes.points[shape])], symbols.shape[1] - shapes.side[shape] + 1
@@ -149,10 +156,13 @@ def repair(
             return False
         now = int(symbols[row, column])
         new = _lightest(buffers.weight[: 1 << shapes.bits], now, state)
+        # weights count all conflicts of the patches that hold the point, so that their difference is that of the whole grid
         steep = _UPHILL * (buffers.weight[new] - buffers.weight[now])
+        # the highest k bits of a random word are all zero with chance 2^-k; rarer than 2^-60 counts as never
         if steep > 0 and (steep > 60 or (next_number(state) >> np.uint64(64 - steep)) != np.uint64(0)):
             continue
         _put(symbols, shapes, patches, row, column, new)
+        # those of the other symbols at this point come to nothing
         for k in range(coming):
             if buffers.coming[k, 0] == new:
                 for field in range(4):
@@ -175,6 +185,7 @@ def _next_conflict(
             bits, word = least[shape, turn], patches.own[shape, turn, other]
         if count_ones(patches.own[shape, 0, patch] ^ word) < bits:
             return count, chosen
+        # the last entry takes the place of the one that is dropped: the order does not matter, as entries are drawn
         count -= 1
         for field in range(4):
             buffers.conflicts[chosen, field] = buffers.conflicts[count, field]
@@ -192,6 +203,7 @@ def _lightest(weight: IntArray, now: int, state: WordArray) -> int:
             best, alike = value, 1
         elif weight[value] == weight[best]:
             alike += 1
+            # the k-th of equals replaces the one kept with chance 1 / k, so that each is kept alike in the end
             if _below(state, alike) == 0:
                 best = value
     return best
@@ -216,10 +228,14 @@ def _weigh(
     for shape in range(len(least)):
         side = shapes.side[shape]
         wide, high = symbols.shape[1] - side + 1, symbols.shape[0] - side + 1
+        # each patch that holds the point does so with another of its own points j; quarter turns never ask for more than upright
+        # ones
         for j in range(shapes.points[shape] if least[shape, 0] > 0 or least_given[shape] > 0 else 0):
             r, c = row - shapes.cells[shape, j, 0], column - shapes.cells[shape, j, 1]
             if r < 0 or c < 0 or r >= high or c >= wide:
                 continue
+            # in turn 0 a word has point j at place j; without its bits one search serves all symbols, since any symbol only adds
+            # to the distance
             patch, shift = r * wide + c, np.uint64(shapes.bits * j)
             word, mask = patches.own[shape, 0, patch], ~(ones << shift)
             for turn in range(TURNS + 1):
@@ -232,10 +248,12 @@ def _weigh(
                     return -1
                 for k in range(hits):
                     other = buffers.found[k]
+                    # where the point lies in the other patch
                     r, c = row - other // wide, column - other % wide
                     if turn != _GIVEN and 0 <= r < side and 0 <= c < side and shapes.place[shape, 0, r, c] >= 0:
                         continue  # both hold the point: `_weigh_both` sees to these
                     rest = (words[other] ^ word) & mask
+                    # what the other word has where this one has the point: the XOR with a symbol are the bits that it would add
                     here = (words[other] >> shift) & ones
                     for value in range(count):
                         apart = (rest, here ^ np.uint64(value), here ^ np.uint64(now))
@@ -272,11 +290,14 @@ def _weigh_both(
         down, right = shapes.cells[shape, i]
         r, c = point[0] - down, point[1] - right
         other = r * wide + c
+        # the earlier of the two patches sees to the pair, or it would count twice
         if r < 0 or c < 0 or r >= high or c >= wide or other < patch:
             continue
         for turn in range(TURNS):
+            # as in `conflicts_of`: a patch is no conflict with itself upright, and its third turn is its first again
             if least[turn] == 0 or (other == patch and turn in (0, 3)):
                 continue
+            # the point stands elsewhere in the turned word, and its symbol is turned as well
             there = np.uint64(shapes.bits * shapes.place[shape, turn, down, right])
             apart_now = word ^ patches.own[shape, turn, other]
             one, two = word & mask, patches.own[shape, turn, other] & ~(ones << there)
@@ -303,7 +324,9 @@ def _add(
     lacking = least - rest - count_ones(apart[1])
     if lacking <= 0 or coming < 0:
         return coming
+    # 4^(lacking - 1): a pair that lacks 16 bits, the most of any rung, has 4^15, far from the end of 64 bits
     buffers.weight[value] += np.int64(1) << (2 * (lacking - 1))
+    # it is a conflict with the present symbol as well, and so in the list already
     if rest + count_ones(apart[2]) < least:
         return coming
     if coming == len(buffers.coming):

@@ -79,6 +79,7 @@ class Rung:
 
     def of_turns(self) -> IntArray:
         """The first and the last by shape and quarter turns, shape (k, 4)."""
+        # turns in the order 0, 90, 180, 270 degrees
         odd = self.quarter or self.own
         return np.array([self.own, odd, self.own, odd], dtype=np.int64).T.copy()
 
@@ -169,8 +170,10 @@ def _designed(
     from tactape_fab.texture.touch.conflicts import fill, new_buffers, repair  # imports numba
     from tactape_fab.texture.touch.words import Patches, words_of  # imports numba
 
+    # from here on symbols are Gray codes: bits are what is counted, and they are symbols again at the end
     codes, shapes = DIRECTIONS[directions].gray_codes, patch_shapes(directions)
     others = [codes[np.frombuffer(data, dtype=np.uint8).reshape(of)] for of, data in avoid]
+    # another sector or shape is another state, as no side has 2^20 points
     state = np.array([sector << 40 | shape[0] << 20 | shape[1]], dtype=np.uint64)
     symbols, buffers = np.empty(shape, dtype=np.uint8), new_buffers()
     fill(symbols, directions, state)
@@ -178,11 +181,14 @@ def _designed(
     work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
     reached = symbols.copy()
     for number, rung in enumerate(rungs, start=1):
+        # a step compares some patches with all patches, so that its time grows with the points of all tapes
         steps = max(_LEAST_STEPS, rung.effort * (_WORK_BESIDE if others and number < len(rungs) else _WORK) // work)
         patches = Patches(*words_of(symbols, shapes), *given)
+        # a repair that fails leaves the grid anywhere between two rungs: the copy of the last rung counts
         if not repair(symbols, shapes, patches, rung.of_turns(), np.array(rung.across), steps, state, buffers):
             break
         reached = symbols.copy()
+    # argsort of a permutation is its inverse
     reached = np.argsort(codes).astype(np.uint8)[reached]
     reached.setflags(write=False)
     return reached
@@ -193,6 +199,7 @@ def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np
     from tactape_fab.texture.touch.words import words_of
 
     found = [words_of(symbols, shapes) for symbols in others]
+    # the tape's own patches are compared upright with these, so that these have all four turns
     count = sum((4 * n for _, n in found), np.zeros(len(shapes.side), dtype=np.int64))
     words = np.zeros((len(count), max(int(count.max()), 1)), dtype=np.uint64)
     for k in range(len(count)):

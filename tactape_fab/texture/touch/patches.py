@@ -90,6 +90,7 @@ def patch_distances(
         whole = np.zeros(0, dtype=bool)
         if min(symbols.shape) >= len(mask):
             windows = np.lib.stride_tricks.sliding_window_view(placed, mask.shape)
+            # points outside the shape need no part
             whole = (windows | ~mask).all(axis=(2, 3)).ravel()
         kept, out = np.ascontiguousarray(own[:, : len(whole)][:, whole]), np.zeros(2, dtype=np.int64)
         nearest_of(kept, kept.shape[1], 1, out)
@@ -101,6 +102,7 @@ def patch_distances(
         found.append(
             PatchDistance(shape=name, patches=kept.shape[1], bits=bits if pairs else None, pairs=pairs, half_turns=halves)
         )
+    # the 5x5 of eight directions, 75 bits in two words
     for name, mask in list(PATCHES.items())[len(shapes.side) :]:
         long, out = windows_of(symbols, placed, len(mask), turns=4, directions=directions), np.zeros(2, dtype=np.int64)
         nearest_of_long(long.words[0], long.words[1], long.count, out)

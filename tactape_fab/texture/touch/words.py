@@ -62,11 +62,14 @@ def shapes_of(masks: list[npt.NDArray[np.bool_]], directions: int = 4) -> Shapes
         number = np.where(mask, np.cumsum(mask).reshape(mask.shape) - 1, -1)
         source = np.arange(mask.size).reshape(mask.shape)
         for turn in range(TURNS):
+            # the turned patch has at each of its places what stood at (r, c): the point at (r, c) goes to the number of that
+            # place
             r, c = np.divmod(np.rot90(source, turn).ravel(), len(mask))
             place[k, turn, r, c] = number.ravel()
     codes = DIRECTIONS[directions].gray_codes.astype(np.int64)
     turned = [np.arange(directions)]
     for _ in range(TURNS - 1):
+        # Gray code to symbol, turned, and back to its Gray code
         turned.append(codes[TURNED[np.argsort(codes)]][turned[-1]])
     return Shapes(side, count, cells, place, np.stack(turned), DIRECTIONS[directions].bits)
 
@@ -88,6 +91,7 @@ def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]
 @inner_kernel()
 def count_ones(word: np.uint64) -> int:
     """Number of bits that are set."""
+    # the sums of `windows.bit_count`, of one word
     word = word - ((word >> np.uint64(1)) & _LOW)
     word = (word & _PAIRS) + ((word >> np.uint64(2)) & _PAIRS)
     word = (word + (word >> np.uint64(4))) & _NIBBLES
@@ -101,11 +105,16 @@ def nearest_of(own: WordArray, count: int, step: int, out: IntArray) -> None:
     In all turns with a `step` of 1, and 0 and 180 degrees apart with one of 2. Fewer patches than two, and one that is alone,
     have 65 bits and no pair; a patch is compared with its own turns as well.
     """
+    # more than a word has bits
     least, pairs = 65, 0
     for turn in range(0, TURNS, step):
         for patch in range(count):
+            # k turned by three quarters against a patch is the patch turned by one against k, so that turns 1 and 3 over the
+            # pairs k > patch are all ordered pairs a quarter apart; half a turn is the same both ways. A patch is compared with
+            # its own turns in 1 and 2: its third is its first again
             word, first = own[0, patch], patch if turn in (1, 2) else patch + 1
             nearest = 65
+            # the least of a row first, in a loop without a branch, which vectorises; the pairs only in the few rows that reach it
             for k in range(first, count):
                 nearest = min(nearest, count_ones(own[turn, k] ^ word))
             if nearest < least:
