@@ -131,6 +131,7 @@ def advise(question: Question) -> Advice:
         found: Iterable[Design] = [replace(d, fab=question.profile) for d in (usual_design(making), *film_designs(making))]
     else:
         found = solid_designs(making)
+    # rules measure a tape of each design, which takes longest: equal designs once, in the order in which they are preferred
     legal = {design: None for tried in dict.fromkeys(found) if (design := judged(tried)) is not None}
     lines = _best([_line(design, question) for design in legal], question)
     kept: list[Line] = []
@@ -158,6 +159,7 @@ def seen_of(design: Design, question: Question, points: int | None = None) -> Se
         displacement_mm=design.displacement_mm,
         shape=design.shape,
         body_mm=design.body_mm,
+        # margins take some away: a bound of few more places, and no tape has to be planned for it
         points=max(int(width_mm * height_mm / design.pitch_mm**2), 1) if points is None else points,
         tapes=question.tapes,
         sensor=question.sensor,
@@ -217,6 +219,7 @@ def _code_for(seen: Seen, contact_mm: float, field_mm: float, codes: Sequence[Co
     """The first code by which the design locates the contact, else that by which it locates the smallest; and that contact."""
     best, least_mm = codes[0], None
     for code in codes:
+        # dots say the same in every code: one whose places share no less with each other locates no smaller contact
         if code.axis > best.axis or (code is not best and code.axis == best.axis):
             continue
         found_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
@@ -242,6 +245,7 @@ def _best(lines: Sequence[Line], question: Question) -> list[Line]:
 
     def beaten(line: Line) -> bool:
         mine = figures(line)
+        # Pareto: no worse in anything, and other in something
         return any(figures(o) != mine and all(a <= b for a, b in zip(figures(o), mine, strict=True)) for o in lines)
 
     def order(line: Line) -> tuple[float, ...]:
@@ -345,10 +349,12 @@ def _located(
             found.append(None)
         else:
             off_mm = float(np.hypot(*np.subtract(fix.position_mm, truth.position_mm)))
+            # the angle wrapped to half a turn
             found.append((off_mm, abs((fix.theta_deg - truth.theta_deg + 180.0) % 360.0 - 180.0)))
     return found
 
 
 def _sectors(count: int) -> list[int]:
     """One sector per registered tape, spread over the sectors that every code has."""
+    # 37 is odd, so that the first 256 are all different
     return [(7 + 37 * k) % 256 for k in range(min(count, 256))]

@@ -124,11 +124,13 @@ def settled(least: Callable[[float], float], share: float) -> float:
     # the least pitch is piecewise linear in Δ: two secant steps and one more
     low, high = 1.0, 1.5
     at_low, at_high = (least(share * pitch_mm + _STEP_MM / 2.0) - pitch_mm for pitch_mm in (low, high))  # Δ is rounded
+    # secant rule for the root of least(share W) - W
     for _ in range(_SECANTS):
         if abs(at_high) < 1e-6 or at_high == at_low:
             break
         low, high, at_low = high, high - at_high * (high - low) / (at_high - at_low), at_high
         at_high = least(share * high + _STEP_MM / 2.0) - high
+    # rounded before it is rounded up, or 1.17 that came out as 117.0000001 steps would be 1.18
     return round(ceil(round(high / _STEP_MM, 4)) * _STEP_MM, 2)
 
 
@@ -158,6 +160,7 @@ def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displa
 
 def judged(design: Design) -> Design | None:
     """The design after the rules: slightly wider if they require it, with their warnings; None if they refuse it."""
+    # rounding of W and of Δ may leave the closed form's pitch short by a hundredth
     for step in range(_TRIES):
         wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2))
         side_mm = max(_BOARD_MM, _BOARD_PITCHES * wider.pitch_mm)

@@ -103,6 +103,7 @@ def _legal(question: Question, part: str, body_mm: tuple[float, float, float], p
         shape=profile.shape,
         body_mm=body_mm,
         pitch_mm=pitch_mm,
+        # half a hundredth goes up; `round` would take it to the even one
         displacement_mm=round(float(np.floor(100.0 * share * pitch_mm + 0.5)) / 100.0, 2),
     )
     if isinstance(making, FabProfile):

@@ -153,10 +153,13 @@ def signal_of(seen: Seen) -> Signal:
     bump's curvature.
     """
     s_mm = hypot(seen.blur_mm, SMOOTHING_MM)
+    # Gaussians in a row are one of the summed variance
     peak, curvature, area_mm2 = _bump(seen, s_mm)
     high_um = 1000.0 * IMPRINT_SHARE * seen.body_mm[2]
+    # the background that the detector takes away is the mean of the smoothed relief: a body's volume over a cell's area, W^2
     height_um = high_um * (peak - min(area_mm2 / seen.pitch_mm**2, 1.0))
     noise_um, alike_mm, slope_um_mm = noise_of(seen.sensor)
+    # the top is where the slope is zero: - curvature x + noise's slope = 0
     error_mm = slope_um_mm / max(high_um * curvature, 1e-9)
     return Signal(
         height_um=height_um,
@@ -172,12 +175,15 @@ def _pull_mm(seen: Seen, s_mm: float) -> float:
 
     All pairs of symbols change the distance along the axis by so many displacements.
     """
+    # a box of side a has the variance a^2 / 12, and the mean of both axes is taken
     width2_mm2 = s_mm**2 + (seen.body_mm[0] ** 2 + seen.body_mm[1] ** 2) / 24.0
     along = _around(seen.directions)[:, 0]
     steps, pairs = np.subtract.outer(along, along).ravel(), np.full(len(along) ** 2, 1.0 / len(along) ** 2)
     apart_mm = seen.pitch_mm + steps * seen.displacement_mm
+    # a Gaussian of width s at distance d has the slope d / s^2 exp(-d^2 / 2 s^2) at the top, whose own curvature is 1 / s^2
     drawn_mm = apart_mm * np.exp(-(apart_mm**2) / (2.0 * width2_mm2))
     mean_mm = float(pairs @ drawn_mm)
+    # neighbours on either side pull against each other, so that the means cancel and the variances add
     return sqrt(2.0 * float(pairs @ (drawn_mm - mean_mm) ** 2))
 
 
@@ -185,6 +191,8 @@ def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
     """Height of a smoothed body of height 1, its curvature (1/mm², rms of what both axes have), and its volume (mm²)."""
     if seen.shape == "block":
         lengths = seen.body_mm[:2]
+        # a box of side a smoothed along one axis has the height Phi(a / 2 s) - Phi(-a / 2 s) in its middle, where it bends by - a
+        # exp(-a^2 / 8 s^2) / (sqrt(2 pi) s^3)
         along, across = (erf(side / (2.0 * sqrt(2.0) * s_mm)) for side in lengths)
         bend = [side / (sqrt(2.0 * pi) * s_mm**3) * exp(-(side**2) / (8.0 * s_mm**2)) for side in lengths]
         # a top moves by slope over curvature, so the mean square of both axes' inverse is what counts
@@ -192,8 +200,11 @@ def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
         return along * across, 1.0 / sqrt((first**2 + second**2) / 2.0), lengths[0] * lengths[1]
     radius, high = seen.body_mm[0] / 2.0, seen.body_mm[2]
     r = (np.arange(200) + 0.5) / 200.0 * radius
+    # radius of the sphere of which the dome is a cap
     ball = (radius**2 + high**2) / (2.0 * high)
     profile = (np.sqrt(np.maximum(ball**2 - r**2, 0.0)) - (ball - high)) / high
+    # the Gaussian 1 / (2 pi s^2) exp(-r^2 / 2 s^2) over rings of 2 pi r dr; its second derivative along one axis, on the mean of
+    # a ring, is that times (r^2 / 2 s^2 - 1) / s^2
     step, kernel = radius / 200.0, np.exp(-(r**2) / (2.0 * s_mm**2)) / s_mm**2
     peak = float((profile * kernel * r).sum() * step)
     curvature = float((profile * kernel * r * (1.0 - r**2 / (2.0 * s_mm**2))).sum() * step) / s_mm**2
@@ -253,14 +264,17 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     """Evidence of each pose's dots in nats: total (p,), by axis (p, 2), number of dots (p,), and by shape for the turn (p,)."""
     symbols, phases, directions, errors, _ = _drawn(seen.directions)
     pitch, shift, signal = seen.pitch_mm, seen.displacement_mm / seen.pitch_mm, signal_of(seen)
+    # nodes whose part can be in the contact: its displacement and half a cell's diagonal (0.71) nearer, in pitches
     reach = (contact_mm + ROLL_OFF_MM) / 2.0 / pitch + shift + 0.8
     count = int(np.count_nonzero(np.hypot(*_nodes().T) < reach))
+    # places from the contact's middle, which lies anywhere in its cell; in pitches
     at = _nodes()[:count] + shift * directions[:, :count] - phases
     inside = contact_mm / 2.0 - pitch * np.hypot(at[..., 0], at[..., 1])
     t = np.clip(0.5 + inside / ROLL_OFF_MM, 0.0, 1.0)
     weight = t * t * (3.0 - 2.0 * t)  # the rim of a simulated contact
     tops_um = loss.noise * hypot(signal.noise_um, loss.clutter_um)
     noise = max(tops_um / max(signal.height_um, 1e-9), LEAST_NOISE)
+    # errors of tops grow towards the rim, those of places do not
     top, placed = signal.error_mm / pitch, hypot(seen.placement_mm, signal.pull_mm) / pitch
     true = np.sqrt(squared_errors(weight, top) + placed**2)
     sigma = min(max(hypot(top, placed), LEAST_SIGMA), MOST_SIGMA)
@@ -272,13 +286,16 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     second = np.sum(others, axis=0)
     good = np.count_nonzero(weight >= GOOD_WEIGHT, axis=1)
     turn = np.where((good >= LEAST_GOOD) & is_long(seen.shape, seen.body_mm), log(2.0 * MOST_TURN_SHARE), 0.0)
+    # so many tops of noise in the sensor's field, each with what it costs on the mean
     lost = loss.tops * _lost_to_noise(noise, sigma, shift, seen.directions) * _field_mm2(seen.sensor) / signal.alike_mm**2
+    # a top of noise speaks against either axis alike
     per_axis = np.stack([first, second], axis=1) - lost / 2.0
     return first + second - lost, per_axis, seen_dots.sum(axis=1), turn
 
 
 def _away(e: FloatArray, f: FloatArray, shift: float, directions: int) -> FloatArray:
     """Squared distances of dots with given errors to all places round a grid point, the dot's own first."""
+    # in a frame turned so that the dot's own symbol points along x: the dot is at (shift + e, f), a place at shift (x, y)
     return np.stack([(e + shift * (1.0 - x)) ** 2 + (f - shift * y) ** 2 for x, y in _around(directions).tolist()])
 
 
@@ -288,9 +305,12 @@ def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
     With four directions one bit is shared with the neighbour on either side. With eight they are `Directions.gray_codes`.
     """
     if len(q) == 4:
+        # q of a bit is the sum over the symbols that have it: the dot's own and one neighbour's; 2 q is the factor of the
+        # evidence
         return [np.log(2.0 * (q[0] + q[k])) for k in (1, 3)]
     bits, found = _BITS_AROUND, []
     for of in bits:
+        # whether the symbol k places on has the same bit
         alike = np.stack([of == np.roll(of, -k) for k in range(8)])
         found.append(np.log(2.0 * (q * alike[:, symbols]).sum(axis=0)))
     return found
@@ -308,6 +328,7 @@ def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) ->
     away = np.stack([(e - a * shift) ** 2 + (f - b * shift) ** 2 for a, b in _around(directions).tolist()])
     q = posteriors(away, squared_errors(weight, sigma), trusted(weight, noise))
     one = symbol.astype(np.int64)
+    # the hypothesis names a symbol by chance, which has to come first
     around = np.stack([np.take_along_axis(q, ((one + k) % directions)[None], axis=0)[0] for k in range(directions)])
     said = np.sum(_said(around, one), axis=0)
     return float(np.where(weight >= LEAST_HEIGHT, -said, 0.0).mean())
@@ -327,15 +348,19 @@ def least_contact_mm(
     signal = signal_of(seen)
     if signal.noise_um > signal.height_um:
         return None
+    # errors count in displacements of four directions, by how near the next place is
     apart_mm = seen.displacement_mm * DIRECTIONS[seen.directions].spacing
     missed = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm) / apart_mm - CLEAN
     larger = (1.0 + loss.scatter * max(missed, 0.0)) * {4: 1.0, 8: loss.eight}[seen.directions]
+    # sizes in tenths of a millimetre: whole numbers, so that the bisection ends; 1e-9 for 10 times a tenth just below a whole
+    # number
     low, most = 10, int(most_mm / larger * 10.0 + 1e-9)
     high = min(int(10.0 * _FIRST_PITCHES * seen.pitch_mm), most)
     while high <= low or located_share(seen, high / 10.0, code, loss, plane) < share:
         if high >= most:
             return None
         low, high = max(low, high), min(int(_GROWTH * high) + 1, most)
+    # high locates the share and low does not, as 1 mm has no six dots: a larger contact shows more of them
     while high - low > 1:
         middle = (low + high) // 2
         if located_share(seen, middle / 10.0, code, loss, plane) >= share:

@@ -41,8 +41,11 @@ def _of_white_slopes() -> tuple[float, float]:
     Depth whose slopes have white noise s in each pixel has the spectrum (s / R)^2 / (2 pi f)^2 (`sense.simulation.noise`).
     That is infinite at f = 0: the background that the filter takes away, a mean over a square, decides how much is left.
     """
+    # midpoints of cells: f = 0, where the spectrum is infinite, is between two of them
     f = (np.arange(int(2 * _HIGHEST / _STEP)) + 0.5) * _STEP - _HIGHEST
     square = (2.0 * pi * f) ** 2 + (2.0 * pi * f[:, None]) ** 2
+    # spectrum of a mean over a square, along one axis; `left` is the power that passes Gaussian less mean
     mean = np.sinc(BACKGROUND_MM * f)
     left = (np.exp(-square * SMOOTHING_MM**2 / 2.0) - mean * mean[:, None]) ** 2
+    # the slope along one axis has (2 pi f_x)^2 times the power, on the mean of both axes half of `square`, which cancels
     return sqrt(float((left / square).sum()) * _STEP**2), sqrt(float(left.sum()) / 2.0 * _STEP**2)

@@ -124,6 +124,7 @@ def _contact(value: Any) -> tuple[float, str]:
             Problem("contact", f"contact = {shown} is no size of a contact; give MM or WxH, 1 to 100 mm, such as 11x9")
         )
     words = " x ".join(f"{side:g}" for side in sides) + " mm"
+    # an ellipse of axes a and b has the area of a circle of diameter sqrt(a b)
     return round(sqrt(sides[0] * sides[-1]), 2), words
 
 
