@@ -100,9 +100,12 @@ class Camera:
         seen = np.asarray(px, dtype=np.float64) - self.centre_px
         if self.k1 != 0.0:
             radius = np.sqrt((seen**2).sum(axis=-1, keepdims=True)) / self.corner_px
+            # r (1 + k1 r^2) = seen, in corner radii; it rises as long as 1 + 3 k1 r^2 > 0, and the seen radius itself is a near
+            # start
             root = radius
             for _ in range(_NEWTON_STEPS):
                 root = root - (root * (1.0 + self.k1 * root**2) - radius) / (1.0 + 3.0 * self.k1 * root**2)
+            # distortion is along the radius: the direction stays
             seen = seen / (1.0 + self.k1 * root**2)
         at_mm: FloatArray = seen @ self.inverse.T
         return at_mm
@@ -112,6 +115,7 @@ def camera(px_per_mm: tuple[float, float], size_px: tuple[int, int], geometry: G
     """The camera model of an image of a size (width, height) in px."""
     u, v = px_per_mm
     matrix = np.array([[u * (1 + geometry.aspect / 2), u * geometry.shear], [0.0, v * (1 - geometry.aspect / 2)]])
+    # pixel centres are whole numbers
     middle = (np.array(size_px) - 1) / 2
     centre = middle if geometry.center_px is None else np.array(geometry.center_px)
     inverse = np.linalg.inv(matrix)

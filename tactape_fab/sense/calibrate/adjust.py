@@ -92,6 +92,8 @@ def problem_of(presses: Sequence[Press], sensor: SensorProfile, errors: Errors, 
     """An adjustment of presses from a profile; `free` says which of the camera's parameters are unknown, all unless said."""
     sigmas = CAMERA_SIGMAS * np.array([1.0, 1.0, 1.0, 1.0, sensor.width_px, sensor.width_px])
     prior = camera.parameters(sensor)
+    # the prior is of a camera without distortion at the profile's scale; what the profile has beyond that is where the search
+    # starts
     prior[1:] = 0.0
     free = np.ones(camera.COUNT, dtype=bool) if free is None else free
     return Problem(presses=presses, sensor=sensor, errors=errors, free=free, prior=prior, prior_sigmas=sigmas)
@@ -111,15 +113,20 @@ def expected(press: Press, seen: camera.Seen, push_mm: float, pose: FloatArray) 
     x, y, theta, pull = pose.tolist()
     c, s = np.cos(theta), np.sin(theta)
     from_s = press.texture_mm - (x, y)
+    # R(theta) of Eq. 12 of the paper, and its derivative; rows times R are R^T times columns
     turn, turned = np.array([[c, s], [-s, c]]), np.array([[-s, c], [-c, -s]])
+    # where the dot should be on the gel: its part, then what draws it; a dot at the rim is put back by `rim_mm` in what is
+    # expected
     at = from_s @ turn + push_mm * press.pushed - pull * press.pulled - press.rim_mm
     px, by_point, by_camera = seen.to_px(at)
     scale = seen.scale[0]
     own = np.empty((len(at), 2, OF_PRESS))
     own[:, :, :2] = -turn.T
     own[:, :, 2], own[:, :, 3] = from_s @ turned, -press.pulled
+    # camera, then the push of neighbours, as in `OF_ALL`
     shared = np.concatenate([by_camera, by_point @ press.pushed[:, :, None]], axis=2)
-    # px over the scale at the start: mm, but for the small distortion
+    # px over the scale: mm, but for the small distortion. That the divisor is an unknown, too, is not in the derivative: it would
+    # add the residual, some 0.01 mm, to arms of mm
     return (press.seen_px - px) / scale, -shared / scale, -(by_point @ own) / scale
 
 
@@ -133,6 +140,7 @@ def solve(problem: Problem, at: FloatArray | None = None) -> Bundle:
     pattern = pattern_of([len(press.weights) for press in presses], len(at))
     whole = partial(completed, at, free)
 
+    # residuals and derivative come from one evaluation, and the solver asks for both at one point
     @lru_cache(maxsize=2)
     def rows(z: bytes) -> tuple[FloatArray, FloatArray]:
         return rows_of(problem, white, whole(np.frombuffer(z)))
@@ -140,6 +148,7 @@ def solve(problem: Problem, at: FloatArray | None = None) -> Bundle:
     def jacobian(z: FloatArray) -> csr_matrix:
         return csr_matrix((rows(z.tobytes())[1], *pattern), shape=(pattern[1].size - 1, len(at)))[:, free]
 
+    # x_scale "jac": the unknowns are mm, rad, px and bare numbers
     found = least_squares(lambda z: rows(z.tobytes())[0], at[free], jac=jacobian, x_scale="jac", method="trf")
     return _bundle(problem, white, whole(found.x))
 
@@ -153,7 +162,9 @@ def completed(at: FloatArray, free: IntArray, z: FloatArray) -> FloatArray:
 
 def pattern_of(sizes: Sequence[int], unknowns: int) -> tuple[FloatArray, FloatArray]:
     """Columns and row ends of the sparse derivative: rows of the priors, then of each press along u and along v."""
+    # each shared unknown has a prior, and of a press its pull alone: x, y and theta are free
     priors = [np.arange(OF_ALL), OF_ALL + 3 + OF_PRESS * np.arange(len(sizes))]
+    # one entry in each of these OF_ALL + m rows
     columns, counts = list(priors), [np.ones(unknowns - OF_ALL - (OF_PRESS - 1) * len(sizes) + OF_ALL, dtype=np.int64)]
     for i, n in enumerate(sizes):
         own = OF_ALL + OF_PRESS * i + np.arange(OF_PRESS)
@@ -172,6 +183,7 @@ def rows_of(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> tup
     entries = [1.0 / sigmas, np.full(len(poses), 1.0 / PULL_SIGMA)]
     for press, by, pose in zip(problem.presses, white, poses, strict=True):
         residual, shared, own = expected(press, seen, push, pose)
+        # one matrix whitens both axes: the errors along u and v are alike and independent
         left.append((by @ residual).T.ravel())
         both = np.concatenate([shared, own], axis=2)
         entries.append((by @ both.transpose(1, 0, 2)).ravel())
@@ -189,13 +201,17 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
         residuals.append(residual)
         a = (by @ shared.transpose(1, 0, 2)).reshape(-1, OF_ALL)
         b = (by @ own.transpose(1, 0, 2)).reshape(-1, OF_PRESS)
+        # with a the press's whitened derivative by the shared unknowns and b by its own, the normal matrix has the blocks a^T a,
+        # a^T b, b^T b
         inner = b.T @ b
         inner[3, 3] += 1.0 / PULL_SIGMA**2
         alone.append(np.linalg.inv(inner))
+        # what the press says of the shared ones with its pose unknown: a^T a - a^T b (b^T b)^-1 b^T a
         gains.append(a.T @ b @ alone[-1])
         told.append(a.T @ a - gains[-1] @ b.T @ a)
         normal += told[-1]
     covariance = _inverse(normal, free)
+    # the pose's covariance is (b^T b)^-1 + g^T C g with C that of the shared unknowns; here without what this press told
     anew = [i + g.T @ _inverse(normal - one, free) @ g for i, g, one in zip(alone, gains, told, strict=True)]
     return Bundle(
         sensor=camera.with_parameters(problem.sensor, values),
@@ -224,7 +240,9 @@ def agreeing(presses: Sequence[Press], bundle: Bundle, problem: Problem) -> list
     for press, pose in zip(presses, bundle.poses, strict=True):
         residual, _, _ = expected(press, seen, bundle.push_mm, pose)
         distance = np.hypot(residual[:, 0], residual[:, 1])
+        # the median distance of two normal components is 1.177 sigma; 4 um at least, or a perfect fit would leave out rounding
         sigma = max(float(np.median(distance)) / 1.177, 0.004)
+        # light dots err more, in inverse proportion to their height
         kept = distance <= AGREE_SIGMAS * sigma * np.maximum(1.0, 0.6 / press.weights)
         if kept.sum() >= LEAST_AGREEING:
             out.append(press.taken(kept).at(pose))

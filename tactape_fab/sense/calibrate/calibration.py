@@ -111,6 +111,8 @@ def calibrate_sensor(
         rough = with_mask(rough, valid)
     if known is not None:
         rough = _turned(images, registered, rough, known, valid)
+    # the order: orientation and rough scale by which frames are located at all, the camera, and only then what rests on the
+    # camera
     presses, bundle, estimate, empty = _adjusted(images, registered, rough)
     corner_um = corner_sigma_um(bundle)
     refuse_unspread(presses, bundle, corner_um)
@@ -168,10 +170,12 @@ def _adjusted(
     for _ in range(ROUNDS):
         presses, answers = located(images, tapes, sensor)
         refuse_few(presses, answers)
+        # dots amid others alone: what the rim draws alike in all presses would count as the lens'
         kept, bundle, estimate = adjust([press.taken(press.amid) for press in presses], sensor)
         after = _corner_mm(bundle)
         if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
             break
+        # the tolerance stays wide while the scale is still moving
         before, sensor = after, replace(_with_sigmas(bundle), scale_tolerance=sensor.scale_tolerance)
     empty = [
         k
@@ -180,6 +184,7 @@ def _adjusted(
     ]
     placed = {press.frame: pose for press, pose in zip(kept, bundle.poses, strict=True)}
     fine = refined(images, [p.at(placed[p.frame]) for p in presses if p.frame in placed], bundle.sensor, tapes)
+    # only where every press has them: none is given up for better centres
     if len(fine) == len(kept):
         better = adjust(fine, bundle.sensor)
         if better[2].errors.dot_mm < estimate.errors.dot_mm:
@@ -193,8 +198,10 @@ def adjust(
     """Adjust presses from a rough profile: the dots that agree, the camera, and the errors of dots where they are not given."""
     problem = problem_of(presses, sensor, errors or Errors())
     bundle = solve(problem)
+    # the first solution rests on wrong dots, too: what agrees with it is chosen once more after it was solved without them
     for _ in range(2):
         kept = agreeing(presses, bundle, problem)
+        # dots that do not agree may take whole presses with them
         if len(kept) < LEAST_PRESSES:
             refuse_few(kept, [])
         problem = problem_of(kept, bundle.sensor, bundle.errors, _free(bundle))
@@ -215,6 +222,7 @@ def adjust(
 def _free(bundle: Bundle) -> BoolArray:
     """The camera's parameters that can be told: the lens' centre only where there is a lens."""
     free = np.ones(camera.COUNT, dtype=bool)
+    # the centre of no distortion can be anywhere: its covariance would be that of its prior
     free[4:] = abs(bundle.values[3]) > SURE_LENS * np.sqrt(bundle.covariance[3, 3])
     return free
 
@@ -225,6 +233,7 @@ def _centred(sensor: SensorProfile) -> SensorProfile:
 
 def _corner_mm(bundle: Bundle) -> FloatArray:
     sensor = bundle.sensor
+    # mm on the gel at the image's corners: what one parameter loses and another takes over does not show here
     ends = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]) * (sensor.width_px - 1, sensor.height_px - 1)
     return sensor.camera.from_px(ends) - sensor.camera.from_px(sensor.centre_px)
 
@@ -245,8 +254,10 @@ def _held_out(presses: Sequence[Press], bundle: Bundle, free: BoolArray) -> Held
         return None
     outside = []
     folds = min(FOLDS, len(presses))
+    # no free parameter of the camera: of presses left out the poses alone are fitted
     nothing = np.zeros(camera.COUNT, dtype=bool)
     for fold in range(folds):
+        # every k-th press, so that each fold has presses from the whole session
         rest = [p for k, p in enumerate(presses) if k % folds != fold]
         out = [p for k, p in enumerate(presses) if k % folds == fold]
         learned = solve(problem_of(rest, bundle.sensor, bundle.errors, free))

@@ -60,21 +60,27 @@ class Seen:
         straight = at @ camera.matrix.T
         square = (straight**2).sum(axis=1) / camera.corner_px**2
         px = camera.centre_px + straight * (1.0 + camera.k1 * square)[:, None]
+        # px = centre + (1 + k1 |s|^2 / r^2) s with s = M q, r the corner's radius: d px / d s = (1 + k1 |s|^2 / r^2) I + 2 k1 s
+        # s^T / r^2
         bend = (1.0 + camera.k1 * square)[:, None, None] * np.eye(2)
         bend = bend + (2.0 * camera.k1 / camera.corner_px**2) * straight[:, :, None] * straight[:, None, :]
         by_point = bend @ camera.matrix
         by = np.zeros((len(at), 2, COUNT))
+        # first d s by the parameters of M: s itself by ln of the scale, which stretches both rows of M alike
         by[:, :, 0] = straight
         by[:, 0, 1], by[:, 1, 1] = at[:, 0] * u_per_mm / 2.0, -at[:, 1] * v_per_mm / 2.0
         by[:, 0, 2] = at[:, 1] * u_per_mm
+        # k1 and the centre act behind M, and do not go through it
         by = bend @ by
         by[:, :, 3] = straight * square[:, None]
         by[:, 0, 4] = by[:, 1, 5] = 1.0
+        # points are counted from the one that the image centre sees, and that one moves with the parameters as well
         return px, by_point, by + by_point @ self.middle_by
 
 
 def seen_by(sensor: SensorProfile, values: FloatArray) -> Seen:
     """The camera of some parameters; the profile says its size and the shape of its pixels."""
+    # by central differences: a Newton inverse lies between, and there is one point; the error is of the order of step^2
     middle_by = [
         (_middle(sensor, values + step) - _middle(sensor, values - step)) / (2 * _STEP) for step in _STEP * np.eye(COUNT)
     ]

@@ -42,6 +42,7 @@ def covariance(press: Press, errors: Errors, apart_mm2: FloatArray | None = None
 
     apart_mm2: Squared distances of the dots, where they are known already.
     """
+    # the power 7/8 of the missing weight, squared
     own = errors.dot_mm**2 / np.sqrt(press.weights) + RIM_MM**2 * (1.0 - press.weights) ** 1.75
     out: FloatArray = np.diag(own)
     if errors.gel_mm > 0.0:
@@ -52,6 +53,7 @@ def covariance(press: Press, errors: Errors, apart_mm2: FloatArray | None = None
 
 def _apart_mm2(press: Press) -> FloatArray:
     """Squared distances of the dots; shape (n, n)."""
+    # distances on the tape: the gel lies on it, and a turn changes none
     apart = press.texture_mm[:, None] - press.texture_mm
     out: FloatArray = (apart**2).sum(axis=2)
     return out
@@ -59,6 +61,7 @@ def _apart_mm2(press: Press) -> FloatArray:
 
 def whitening(press: Press, errors: Errors) -> FloatArray:
     """Matrix that makes the errors of a press along an axis independent, of variance 1; shape (n, n)."""
+    # V = L L^T, so that L^-1 e has the covariance L^-1 V L^-T = I
     lower = np.linalg.cholesky(covariance(press, errors))
     out: FloatArray = solve_triangular(lower, np.eye(len(lower)), lower=True)
     return out
@@ -101,6 +104,7 @@ def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precis
     best, best_cost = None, still.fun - LEAST_GAIN
     for gel_mm, correlation_mm in STARTS:
         begin = np.array([float(still.x[0]), np.log(gel_mm), np.log(correlation_mm)])
+        # ln of the dots' error down and of the gel's figures up: part of the scatter goes from one to the other
         simplex = begin + np.concatenate([np.zeros((1, 3)), np.diag([-0.2, 0.5, 0.3])])
         moved = minimize(cost, begin, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "initial_simplex": simplex})
         if moved.fun < best_cost:
@@ -117,6 +121,7 @@ def _gel(z: FloatArray) -> dict[str, float]:
     if len(z) == 1:
         return {}
     low, high = CORRELATIONS_MM
+    # a gel moves 1 mm at most; a correlation shorter than the dots' pitch, or longer than the field, is not to be told
     return {"gel_mm": float(np.exp(min(z[1], 0.0))), "correlation_mm": float(np.clip(np.exp(z[2]), low, high))}
 
 
@@ -140,16 +145,20 @@ def _rows_of(design: Design) -> _Rows:
 
 def _minus_ln_likelihood(presses: Sequence[_Rows], errors: Errors, precision: FloatArray, own_precision: FloatArray) -> float:
     """Of the restricted likelihood, up to a constant; presses are eliminated one by one."""
+    # -2 ln L = ln |V| + ln |A^T V^-1 A| + r^T V^-1 r - (A^T V^-1 r)^T (A^T V^-1 A)^-1 (A^T V^-1 r), A the derivatives with those
+    # of the priors: as if the residuals were fitted anew for each V, and less what the unknowns take of them
     normal, right = precision.copy(), np.zeros(len(precision))
     own, shared = slice(len(own_precision)), slice(len(own_precision), -1)
     total = 0.0
     for each in presses:
         lower = np.linalg.cholesky(covariance(each.press, errors, each.apart_mm2))
         total += 4.0 * float(np.log(lower.diagonal()).sum())  # ln of both determinants
+        # rows are dots and axes, the last column is what is left
         white = dtrtrs(lower, each.columns, lower=1)[0].reshape(2 * len(lower), -1)
         products = white.T @ white
         inner = products[own, own] + own_precision
         factor, lean, failed = dposv(inner, products[own, len(own_precision) :], lower=1)
+        # not positive definite: a press's own unknowns are open, and no minimum is there
         if failed:
             return inf
         total += float(products[-1, -1] - products[-1, own] @ lean[:, -1] + 2.0 * np.log(factor.diagonal()).sum())
@@ -166,6 +175,7 @@ def _spread(cost: Callable[[FloatArray], float], at: FloatArray) -> list[float]:
     for i in range(len(at)):
         for j in range(len(at)):
             signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+            # (f++ - f+- - f-+ + f--) / 4 h^2 for h = 0.1; with i = j it is the second difference over 2 h
             curve[i, j] = sum(p * q * cost(at + p * steps[i] + q * steps[j]) for p, q in signs) / 0.04
     try:
         variances = np.linalg.inv(curve).diagonal()

@@ -105,6 +105,7 @@ def _of_values(images: Sequence[Frame]) -> list[str]:
     same = sum(np.array_equal(a, b) for a, b in pairwise(whole))
     if same:
         said.append(f"{same} frames are the same as the one before, pixel for pixel; save frames as they come")
+    # a real number is the largest in one pixel, a cut-off one in many
     largest = max((float(np.mean(image == np.nanmax(image))) for image in whole), default=0.0)
     if largest > 0.01:
         said.append(f"up to {100 * largest:.0f} % of a frame's pixels have its largest value: depth is cut off; press less")
@@ -115,6 +116,7 @@ def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
     """Reasons of refusal, most frequent first; those that differ only in numbers are one."""
     kinds: dict[str, tuple[str, int]] = {}
     for reason, count in reasons.most_common():
+        # counts and places within a reason differ from frame to frame
         kind = "".join(c for c in reason if not c.isdigit())
         said, before = kinds.get(kind, (reason, 0))
         kinds[kind] = (said, before + count)

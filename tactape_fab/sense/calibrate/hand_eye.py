@@ -118,10 +118,12 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
         z, left, covariance = solved
         # as many unknowns as two transforms have are spread over the six kinds of rows
         freedom = max(1.0 - 12.0 / (6.0 * len(which)), 0.3)
+        # what arm and gel err by is told by the residuals themselves, kind by kind; then the weights are solved with anew
         sigmas = np.maximum(np.sqrt((left**2).mean(axis=0) / freedom), LEAST_SIGMAS)
         rms = np.sqrt((left**2).mean(axis=0))
         if rms[:2].max() > 3.0 * MOST_LEFT_MM:  # other sizes of errors do not mend that
             break
+    # only of these do the presses say something; height and tilt are assumed
     if rms[:2].max() > MOST_LEFT_MM or rms[5] > MOST_LEFT_RAD:
         message = (
             f"poses of the flange do not fit the presses: {rms[:2].max():.2g} mm and {np.degrees(rms[5]):.2g} deg "
@@ -182,9 +184,11 @@ class _Joint:
     def derivative(self, z: FloatArray) -> csr_matrix:
         entries = rows_of(self.problem, self.white, z[:-12])[1]
         seen = csr_matrix((entries, *self.pattern), shape=(self.pattern[1].size - 1, self.count))
+        # the arm's rows depend on x, y and theta of its presses (not on the pull) and on both transforms alone
         poses = [OF_ALL + OF_PRESS * k + j for k in self.which for j in range(3)]
         columns = np.array([*poses, *range(self.count, self.count + 12)])
         step = 1e-6
+        # central differences of dense rows, which are few: 6 a pose
         by = np.stack(
             [(self.arm_rows(z + d) - self.arm_rows(z - d)) / (2 * step) for d in step * np.eye(len(z))[columns]], axis=1
         )
@@ -205,6 +209,8 @@ def on_tape(poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
     """Sensor on the tape's board from x, y (texture frame) and theta: SPEC section 1; (m, 4, 4)."""
     out = np.zeros((len(poses), 4, 4))
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    # R(theta) of the texture frame with its second row negated, as board y is up; z goes into the tape, so that the determinant
+    # is 1
     out[:, 0, 0], out[:, 0, 1], out[:, 1, 0], out[:, 1, 1] = c, s, s, -c
     out[:, 2, 2], out[:, 3, 3] = -1.0, 1.0
     out[:, 0, 3], out[:, 1, 3] = origin_mm[0] + poses[:, 0], origin_mm[1] - poses[:, 1]
@@ -213,6 +219,7 @@ def on_tape(poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
 
 def misfits(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray, both: FloatArray) -> FloatArray:
     """Where the arm has the sensor, in the frame of where the tape has it: translation (mm) and turn (rad); (m, 6)."""
+    # P = Y^-1 B X by the arm, and P^-1 of the tape's answer before it
     by_arm = np.linalg.inv(matrix_of(both[6:])) @ arm @ matrix_of(both[:6])
     off = np.linalg.inv(on_tape(poses, origin_mm)) @ by_arm
     return np.concatenate([off[:, :3, 3], Rotation.from_matrix(off[:, :3, :3]).as_rotvec()], axis=1)
@@ -225,7 +232,9 @@ def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatAr
     for k in range(_STARTS):
         for flip in (0.0, pi):
             guess = matrix_of(np.array([0.0, 0.0, 0.0, flip, 0.0, 0.0]))
+            # the sensor's axis along the flange's or against it, and a turn about it
             guess = guess @ matrix_of(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2 * pi * k / _STARTS]))
+            # Y = B X P^-1: the first press fits exactly
             base = arm[0] @ guess @ np.linalg.inv(seen[0])
             at = np.concatenate([[0.0, 0.0, 0.0], Rotation.from_matrix(guess[:3, :3]).as_rotvec()])
             at = np.concatenate([at, base[:3, 3], Rotation.from_matrix(base[:3, :3]).as_rotvec()])

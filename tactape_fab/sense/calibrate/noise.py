@@ -48,6 +48,7 @@ def off_contact(frames: Sequence[Frame], presses: Sequence[Press], empty: Sequen
     Returns: None where there are fewer than four patches.
     """
     unit = sensor.depth_unit_mm or 1.0
+    # a mean of periodograms is as good as all of them: the likelihood depends on them through their mean alone
     power, count = np.zeros((SIDE_PX, SIDE_PX)), 0
     touched = [(press.frame, press.seen_px) for press in presses] + [(k, np.zeros((0, 2))) for k in empty]
     for index, dots_px in touched:
@@ -68,6 +69,7 @@ def between_dots(left: float, freedom: float, sensor: SensorProfile) -> Noise:
     freedom: How many there are, in all.
     """
     scale = sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1])
+    # differences of neighbouring pixels are slopes over R
     slope = sqrt(max(left, 0.0)) * scale * (sensor.depth_unit_mm or 1.0)
     return Noise(slope=slope, white_um=0.0, sigma_slope=slope / sqrt(2.0 * max(freedom, 1.0)), sigma_white_um=np.inf, patches=0)
 
@@ -78,6 +80,7 @@ def _clear(shape: tuple[int, ...], dots_px: FloatArray, sensor: SensorProfile) -
     if len(dots_px):
         u, v = np.rint(dots_px).astype(np.int64).T
         near[np.clip(v, 0, shape[0] - 1), np.clip(u, 0, shape[1] - 1)] = True
+        # so many dilations by 3x3 are a square of that reach
         reach = round(CLEAR_MM * max(sensor.px_per_mm))
         near = binary_dilation(near, np.ones((3, 3), dtype=bool), iterations=reach)
     return np.asarray(~near if sensor.mask is None else ~near & sensor.mask)
@@ -89,6 +92,7 @@ def _periodogram(patch: FloatArray) -> FloatArray:
     v, u = np.meshgrid(side, side, indexing="ij")
     smooth = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1).reshape(-1, 6)
     left = patch.ravel() - smooth @ np.linalg.lstsq(smooth, patch.ravel(), rcond=None)[0]
+    # without a window, the steep spectrum of depth leaks from low frequencies into all others
     window = np.hanning(SIDE_PX)[:, None] * np.hanning(SIDE_PX)
     return np.asarray(np.abs(np.fft.fft2(left.reshape(patch.shape) * window)) ** 2 / (window**2).sum())
 
@@ -96,11 +100,14 @@ def _periodogram(patch: FloatArray) -> FloatArray:
 def _split(power: FloatArray, count: int, sensor: SensorProfile) -> Noise:
     """White noise and that of the slopes from a mean periodogram, by Whittle's likelihood (Arkiv Mat. 2 (1953) 423)."""
     cycles = np.fft.fftfreq(SIDE_PX)
+    # slopes are differences of neighbouring pixels times R: the power of depth is that of slopes over 4 R^2 sin^2(pi f), both
+    # axes added
     along, down = 2.0 * sensor.px_per_mm[0] * np.sin(np.pi * cycles), 2.0 * sensor.px_per_mm[1] * np.sin(np.pi * cycles)
     u, v = np.meshgrid(cycles * SIDE_PX, cycles * SIDE_PX)
     used = np.hypot(u, v) >= LOWEST
     shape = 1.0 / (along**2 + down[:, None] ** 2)[used]
     seen = power[used]
+    # the search is in the data's own size, whatever the frame's unit
     unit = float(seen.mean())
     if not unit > 0.0:
         return Noise(slope=0.0, white_um=0.0, sigma_slope=0.0, sigma_white_um=0.0, patches=count)
@@ -109,11 +116,14 @@ def _split(power: FloatArray, count: int, sensor: SensorProfile) -> Noise:
     def cost(z: FloatArray) -> tuple[float, FloatArray]:
         model = np.maximum(z @ basis, 1e-9)
         ratio = seen / unit / model
+        # ordinates are exponential about the model S: - ln L = sum of I / S + ln S, and its slope by a coefficient is that of S
+        # times (1 - I / S) / S
         return float((ratio + np.log(model)).mean()), basis @ ((1.0 - ratio) / model) / len(model)
 
     found = minimize(cost, np.array([0.5, 0.5]), jac=True, bounds=[(0.0, None)] * 2, method="L-BFGS-B").x
     model = np.maximum(found @ basis, 1e-9)
     # half of the ordinates of a real image are the other half again
+    # an exponential's ln mean has the information 1: the sum of dS dS^T / S^2 over independent ordinates
     information = (basis / model) @ (basis / model).T * count / 2.0 / _SPREAD
     spread = np.sqrt(np.diag(np.linalg.inv(information))) * unit
     white, slope = found[0] * unit, found[1] * unit / shape.mean()

@@ -43,6 +43,7 @@ def fitted_size(frame_shape: tuple[int, int], like: SensorProfile) -> SensorProf
     if not (min(frame_shape) >= 16 and max(frame_shape) <= MOST_PX):
         message = f"frames of {height} x {width} px (height x width): each side must be from 16 to {MOST_PX} px; scale them"
         raise SpecError(Problem("frames", message))
+    # the same field of view on more pixels: px/mm grows as the root of the area, whatever the sides' ratio
     mean = float(np.sqrt(width * height / (like.width_px * like.height_px)))
     u, v = like.px_per_mm
     scale = (min(max(u * mean, 1.0), 1000.0), min(max(v * mean, 1.0), 1000.0))
@@ -72,6 +73,7 @@ def _located_by(
     probes: Sequence[Frame], tapes: Sequence[Tape], rough: SensorProfile, valid: BoolArray | None
 ) -> SensorProfile | None:
     """The profile of some scale by which a probe is located, with the scale found in it."""
+    # a localizer is built for each mirror; the other sign is the frame negated, and needs none
     for mirror in (rough.mirror, not rough.mirror):
         seen = with_mask(replace(rough, mirror=mirror), valid)
         localizer = Localizer(tapes, seen, refine="dots")
@@ -87,6 +89,7 @@ def _located_by(
 
 def _most_relief(frames: Sequence[Frame], like: SensorProfile) -> list[Frame]:
     """Frames with most relief of the size of parts."""
+    # beyond slow shapes and pixel noise: a contact without dots has little of it
     relief = [float(band_pass(canonical_frame(frame, like), like.px_per_mm[0]).std()) for frame in frames]
     return [frames[k] for k in np.argsort(-np.array(relief), kind="stable")[:PROBES]]
 
@@ -95,6 +98,7 @@ def with_mask(sensor: SensorProfile, valid: BoolArray | None) -> SensorProfile:
     """A profile with a mask drawn on frames as they are delivered."""
     if valid is None:
         return replace(sensor, mask=None)
+    # frames are mirrored first, then turned (`inputs.canonical_frame`)
     turned = np.ascontiguousarray(np.rot90(valid[:, ::-1] if sensor.mirror else valid, sensor.rotate90))
     turned.setflags(write=False)
     return replace(sensor, mask=turned)
@@ -116,8 +120,10 @@ def upright(sensor: SensorProfile, known: KnownTurn, theta_deg: float, valid: Bo
             "tape's edge and give 0, 90, 180 or 270"
         )
         raise SpecError(Problem("known_theta", message))
+    # the image shows the tape as from above (z goes into it): turned counter-clockwise, its axes lie clockwise on the tape
     quarters = -quarters % 4
     turned = replace(sensor, rotate90=(sensor.rotate90 + quarters) % 4)
+    # a quarter turn swaps the sides, and px/mm along them
     if quarters % 2:
         u, v = sensor.px_per_mm
         turned = replace(turned, width_px=sensor.height_px, height_px=sensor.width_px, px_per_mm=(v, u))

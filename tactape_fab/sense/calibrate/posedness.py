@@ -154,6 +154,7 @@ def refuse_few(presses: Sequence[Press], answers: Sequence[Localization]) -> Non
 def empty_corners(presses: Sequence[Press], sensor: SensorProfile) -> list[str]:
     """Corners of the image without a dot."""
     at = np.concatenate([press.seen_px for press in presses])
+    # -1 and 1 at the image's sides
     at = (at - sensor.centre_px) / sensor.centre_px
     return [name for name, signs in _CORNERS.items() if not (at * signs > CORNER).all(axis=1).any()]
 
@@ -167,10 +168,12 @@ def corner_sigma_um(bundle: Bundle) -> float:
         u, v = np.rint(at_px).astype(np.int64).T
         inside = sensor.mask[v, u]
         at_px = at_px[inside] if inside.any() else at_px
+    # from the image's middle: a shift of all points together is the pose's
     at_mm: FloatArray = sensor.camera.from_px(at_px) - sensor.camera.from_px(sensor.centre_px)
     _, _, by = camera.seen_by(sensor, bundle.values).to_px(at_mm)
     # what a turn of the image does is the pose's, not the camera's
     variance = np.einsum("nij,jk,nik->n", by, bundle.covariance, by)
+    # both axes' variances are added above; along one of them, and px to um
     return float(1000.0 * np.sqrt(variance.max() / 2.0) / np.exp(bundle.values[0]))
 
 
@@ -180,6 +183,7 @@ def share_of_perfect(bundle: Bundle) -> float:
     Each press is located by the camera of the n - 1 others, whose variance is n / (n - 1) times that of all. All count the same:
     one of few dots, whose own error is large, would hide the camera's in all others.
     """
+    # x and y only; angles are another unit
     alone, anew = (each[:, :2, :2].trace(axis1=1, axis2=2) for each in (bundle.poses_alone, bundle.poses_anew))
     return float(np.sqrt(1.0 + ((anew / alone).mean() - 1.0) * (1.0 - 1.0 / len(bundle.poses))))
 
@@ -226,6 +230,7 @@ def remarks_of(
         )
     share = share_of_perfect(bundle)
     if share > GOOD_SHARE + 0.005:
+        # share^2 - 1 is the camera's variance over the pose's own, and falls as 1 / presses
         wanted = ceil(len(presses) * (share**2 - 1.0) / (GOOD_SHARE**2 - 1.0))
         said.append(
             f"by the covariance of the presses, positions are expected to err {share:.2f} times as far (rms, no median) as by a "
@@ -236,6 +241,7 @@ def remarks_of(
         where = f"the {_listed(empty)} of the image" if empty else "other places and turns"
         said.append(f"the camera is known to {corner_um:.0f} um at the edge of the image: presses at {where} make it better")
     turns = np.array([press.theta_rad for press in presses])
+    # doubled, as a half turn stretches the tape along the same line
     if abs(np.exp(2j * turns).mean()) > ALIKE:
         said.append(
             f"all presses are turned alike, within {np.degrees(_spread(turns)):.0f} deg: a stretch of the tape or of the gel "
@@ -257,6 +263,7 @@ def remarks_of(
 
 def _spread(turns: FloatArray) -> float:
     """Largest difference of directions, rad, where a half turn is none."""
+    # mean axis; then differences within a quarter turn to either side
     middle = np.angle(np.exp(2j * turns).mean()) / 2.0
     return float(2.0 * np.abs((turns - middle + pi / 2) % pi - pi / 2).max())
 

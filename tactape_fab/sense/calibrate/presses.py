@@ -96,11 +96,14 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
     weights = np.minimum(dots.weights * dots.trust, 1.0)
     cells = fix.dots.cell
     used = (cells[:, 0] >= 0) & (weights > LEAST_WEIGHT)
+    # of u and v each, from either side
     side_px = SIDE_MM * np.array(sensor.px_per_mm)
     inside = (np.abs(dots.seen_px - sensor.centre_px) < sensor.centre_px - side_px).all(axis=1) & used
     inside &= amid(np.asarray(cells * tape.pitch_mm, dtype=np.float64), inside, REACH_PITCHES * tape.pitch_mm)
+    # cells of dots beside the tape are -1, and would index its last row
     cells = cells[used]
     symbols = tape.symbols[cells[:, 1], cells[:, 0]]
+    # paper, Eq. 9
     texture_mm = cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols]
     built = built_of(tape) if fix.places == "as-built" else None
     if built is not None:
@@ -134,6 +137,7 @@ def amid(at_mm: FloatArray, of: BoolArray, reach_mm: float) -> BoolArray:
     apart = at_mm[:, None] - at_mm
     distance = np.hypot(apart[..., 0], apart[..., 1])
     near = (distance > 0.0) & (distance < reach_mm) & of
+    # length of the mean direction to the neighbours: 0 amid them, 2 / pi for a half plane of them
     ahead = np.where(near[..., None], apart / np.maximum(distance, 1e-9)[..., None], 0.0).sum(axis=1)
     inner: BoolArray = np.hypot(*(ahead / np.maximum(near.sum(axis=1), 1)[:, None]).T) < ONE_SIDED
     return inner if np.count_nonzero(inner & of & near.any(axis=1)) >= LEAST_AMID else of
@@ -148,5 +152,6 @@ def detected(frame: Frame, sensor: SensorProfile) -> Dots:
 def squared(seen_px: FloatArray, sensor: SensorProfile) -> FloatArray:
     """Places by a perfect camera of the profile's px/mm along u, from the image centre."""
     camera = sensor.camera
+    # dots in mm, then at one px/mm along both axes: the decoder's grid has square cells
     on_gel: FloatArray = camera.from_px(seen_px) - camera.from_px(sensor.centre_px)
     return on_gel * sensor.px_per_mm[0]

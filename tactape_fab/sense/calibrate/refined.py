@@ -47,6 +47,7 @@ def _refined(fit: PixelFit, image: Frame, press: Press, part: TapePart) -> Press
     turn = theta - radians(part.rotation_deg)
     to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ mm_of_px(fit, at)
     found, centres = settled_patches(fit, image, at, to_body, part)
+    # also where it is NaN
     if not median(found.misfit) <= MOST_MISFIT:
         return None
     inwards, low = at_rim(press.texture_mm[chosen], press.texture_mm, found.imprint)
@@ -54,12 +55,14 @@ def _refined(fit: PixelFit, image: Frame, press: Press, part: TapePart) -> Press
     if kept.sum() < LEAST_AGREEING:
         return None
     c, s = cos(theta), sin(theta)
+    # texture to gel: R(theta)^T, for rows
     on_gel = inwards @ np.array([[c, s], [-s, c]])
     return replace(
         press.taken(chosen[kept]),
         seen_px=centres[kept] * fit.factor + (fit.factor - 1) / 2,
         rim_mm=np.zeros((int(kept.sum()), 2)),
         weights=1.0 - low[kept],
+        # the fit of a patch has the neighbours in it; the rim still draws a centre inwards, by the height that is missing
         pushed=np.zeros((int(kept.sum()), 2)),
         pulled=(-low[:, None] * on_gel)[kept],
         fine=True,

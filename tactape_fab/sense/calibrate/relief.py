@@ -75,14 +75,18 @@ def _of_press(
     image = canonical_frame(frame, sensor)
     if fit.factor > 1:
         image = averaged(image, fit.factor)
+    # in averaged pixels, whose centres are those of blocks of the image's
     at = (press.seen_px - (fit.factor - 1) / 2) / fit.factor
     whole = (press.weights >= WHOLE) & has_patch(fit, at)
+    # the cost of a blur is the median over dots, which of fewer follows one of them
     if whole.sum() < 4:
         return None
     at = at[whole]
     turn = theta - radians(rotation_deg)
     middle = at.mean(axis=0)
+    # the camera about the middle of the dots as a matrix: mm on the gel for a pixel along u and along v
     ends = fit.from_px(middle + np.array([(1.0, 0.0), (0.0, 1.0)])) - fit.from_px(middle[None])
+    # pixels to mm on the gel, turned into the part's own axes
     to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ ends.T
     costs = [fitted(fit, image, at, to_body, part, blur) for blur in FINE]  # type: ignore[arg-type]
     sums = np.array([float(np.median(found.left)) for found in costs])
@@ -96,7 +100,9 @@ def _least(blurs: Sequence[float], sums: FloatArray, best: int) -> float:
     """Blur of the least of a parabola through three sums, in ln of the blur."""
     if best in (0, len(blurs) - 1):
         return float(blurs[best])
+    # blurs are spaced by factors, evenly in ln
     x = [log(blurs[best + k]) for k in (-1, 0, 1)]
     curve = np.polyfit(np.array(x) - x[1], sums[best - 1 : best + 2], 2)
+    # three equal sums have no curvature
     step = -curve[1] / (2.0 * curve[0]) if curve[0] > 0.0 else 0.0
     return float(blurs[best] * np.exp(np.clip(step, x[0] - x[1], x[2] - x[1])))

@@ -31,6 +31,7 @@ def valid_pixels(frames: Sequence[Frame]) -> BoolArray | None:
     for frame in frames:
         finite = np.isfinite(frame)
         holes += ~finite
+        # where the first frame is NaN any finite value differs from it
         changes |= finite & (frame != first)
     valid: BoolArray = changes & (2 * holes < len(frames))
     return None if valid.all() else valid
@@ -40,8 +41,10 @@ def clear_of_blind(valid: BoolArray, px_per_mm: float) -> BoolArray | None:
     """Pixels from which a detector sees no blind area: its band-pass takes a mean over `BACKGROUND_MM`, and a step of the
     depth within that draws dots by up to 0.1 mm. Single blind pixels are let through. None where all are clear.
     """
+    # padded by its own edge: a blind strip of a pixel or two along the border counts as wide
     blind = binary_opening(np.pad(~valid, _THIN_PX, mode="edge"), np.ones((_THIN_PX, _THIN_PX), dtype=bool))
     blind = blind[_THIN_PX:-_THIN_PX, _THIN_PX:-_THIN_PX]
     reach = round(BACKGROUND_MM / 2.0 * px_per_mm)
+    # beyond the image is not blind: dots near its sides are judged elsewhere (`presses.SIDE_MM`)
     clear: BoolArray = binary_erosion(~blind, np.ones((3, 3), dtype=bool), iterations=reach, border_value=1)
     return None if clear.all() else clear
