@@ -105,6 +105,7 @@ def adjust(
     robot: Of some of the frames.
     Raises SpecError where the poses of a robot contradict the contacts so far that nothing can be solved.
     """
+    # parts that no contact shows have no equation: they stay as they were
     touched, part = np.unique(np.concatenate([c.part for c in contacts]), return_inverse=True)
     rows = _Rows(
         contact=np.repeat(np.arange(len(contacts)), [len(c.part) for c in contacts]),
@@ -128,9 +129,14 @@ def adjust(
         gel, rates = _on_gel(rows, sensor, common)
         left, turn_rates, common_rates = _residuals(rows, gel, rates, poses, nominal_mm[touched] + shift)
         variance = sigma**2 * rows.own + rows.rim_mm2
+        # distance over its standard deviation, root mean square of both axes
         apart = np.sqrt((left**2).sum(axis=1) / variance / 2.0)
+        # Huber's weight falls as 1 / |r| beyond the bend, so that such a dot pulls with constant force; one far off is another
+        # part, and has none
         robust = np.where(apart > FARTHEST, 0.0, np.minimum(1.0, HUBER / np.maximum(apart, 1e-9)))
         weight = (robust if turn >= TRUSTING else np.ones_like(apart)) / variance
+        # normal matrix of a part by itself: alike along x and y, and no term between them, as errors of a dot are alike along
+        # both
         own = np.bincount(rows.part, weight, len(touched)) + 1.0 / sigma_before**2
         normal = _Normal(rows, weight, own, left, turn_rates, common_rates, len(contacts), len(touched))
         step, moved = normal.solved(
@@ -142,11 +148,16 @@ def adjust(
         shift = shift + moved
         # what is left over its degrees of freedom: two a dot, less three a contact and what the parts take
         freedom = 2.0 * (weight > 0.0).sum() - poses.size - 2.0 * (1.0 - 1.0 / sigma_before**2 / own).sum()
+        # 1 - prior / own is the share of a part's place that the dots decide, of 2 unknowns; the floor is for contacts that share
+        # few parts
         ratio = float((weight[:, None] * left**2).sum()) / max(freedom, 0.25 * len(left))
         sigma = float(np.clip(sigma * np.sqrt(np.clip(ratio, 0.25, 4.0)), LEAST_SIGMA_MM, MOST_SIGMA_MM))
         if scatter is not None:
+            # step of expectation and maximisation: E d^2 is the estimate's square and its variance (Dempster, Laird and Rubin
+            # 1977)
             scatter = float(np.clip(np.sqrt((shift**2).mean() + (1.0 / own).mean()), LEAST_SCATTER_MM, MOST_SCATTER_MM))
             sigma_before = np.full(len(touched), scatter)
+        # not before weights are robust: the first rounds settle on another optimum
         if turn > TRUSTING and np.abs(moved).max() < SETTLED_MM and abs(ratio - 1.0) < 0.01:
             break
     assert normal is not None
@@ -184,9 +195,12 @@ def _on_gel(rows: _Rows, sensor: SensorProfile, common: FloatArray) -> tuple[Flo
     from_centre = camera.from_px(rows.seen_px)
     q = from_centre - centre
     rates = np.zeros((len(COMMON), *q.shape))
+    # q = M^-1 (straightened px), to first order in aspect, shear and k1 about the profile: a Gauss-Newton step only needs the
+    # direction, residuals are exact
     rates[0] = -q
     rates[1, :, 0], rates[1, :, 1] = -0.5 * q[:, 0], 0.5 * q[:, 1]
     rates[2, :, 0] = -q[:, 1]
+    # r_corner on the gel, mm^2, by the px/mm along u
     corner2 = (camera.corner_px / u) ** 2
     rates[3] = -from_centre * (from_centre**2).sum(axis=1, keepdims=True) / corner2 + centre * (centre**2).sum() / corner2
     rates[4], rates[5] = -rows.pushed, rows.pulled
@@ -202,6 +216,7 @@ def _residuals(
     turn = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)  # R(theta), SPEC section 1
     turned = np.einsum("mij,mj->mi", turn, gel)
     left = np.stack([x, y], 1) + turned - places_mm[rows.part]
+    # dR / dtheta q = (-s q_x + c q_y, -c q_x - s q_y): R q with its components swapped and one negated
     by_theta = np.stack([turned[:, 1], -turned[:, 0]], 1)
     return left, by_theta, np.einsum("mij,kmj->mik", turn, rates)
 
@@ -218,7 +233,9 @@ class _Arm:
         self.at = np.zeros(3)
         if told:
             _, phi = self._of(poses)
+            # mean of directions, which has no step at 180 degrees
             turn = float(np.angle(np.exp(1j * (self.said[:, 2] - phi)).mean()))
+            # texture y is down, the board's is up; the unknown shift of the frame takes the origin
             board = poses[self.contact, :2] * (1.0, -1.0)
             c, s = np.cos(turn), np.sin(turn)
             self.at = np.array([*(self.said[:, :2] - board @ np.array([[c, s], [-s, c]])).mean(axis=0), turn])
@@ -244,12 +261,15 @@ class _Arm:
         left = np.column_stack(
             [self.at[:2] + along - self.said[:, :2], np.angle(np.exp(1j * (theta + self.at[2] - self.said[:, 2])))]
         )
+        # Huber's weight for each of x, y and the angle by itself
         weight = np.minimum(1.0, HUBER / np.maximum(np.abs(left) / self.sigma, 1e-9)) / self.sigma**2
         last = len(normal) - 3
         for row, contact in enumerate(self.contact.tolist()):
             rates = np.zeros((3, 6))
+            # columns: x, y and theta of the contact, then the frame's shift and turn
             rates[:2, :2] = turn * (1.0, -1.0)
             rates[2, 2] = rates[2, 5] = rates[0, 3] = rates[1, 4] = 1.0
+            # d R_ccw(phi) p / dphi is R p turned by a quarter
             rates[:2, 5] = (-along[row, 1], along[row, 0])
             of = [*range(len(COMMON) + 3 * contact, len(COMMON) + 3 * contact + 3), *range(last, last + 3)]
             weighted = rates.T * weight[row]
@@ -282,15 +302,18 @@ class _Normal:
         jacobian: csr_matrix = coo_matrix(
             (np.concatenate(values), (np.concatenate(at), np.concatenate(columns))), shape=(2 * m, size)
         ).tocsr()
+        # the order of rows: x of all dots, then y of all
         twice = np.tile(weight, 2)
         of = coo_matrix(
             (np.ones(2 * m), (np.arange(2 * m), np.concatenate([rows.part, parts + rows.part]))), shape=(2 * m, 2 * parts)
         )
         weighted = jacobian.multiply(twice[:, None]).tocsr()
+        # J^T W P, with P the sparse matrix of which dot shows which part; the parts' derivative is -P
         self.cross: csr_matrix = (weighted.T @ of.tocsr()).tocsr()
         self.poses = (weighted.T @ jacobian).toarray()
         self.own = np.tile(own, 2)
         flat = left.T.ravel()
+        # Gauss-Newton: J^T W J step = -J^T W left, and P^T W left for the parts
         self.right = -(weighted.T @ flat)
         self.right_parts = np.concatenate([np.bincount(rows.part, weight * left[:, axis], parts) for axis in range(2)])
         self.size, self.factor = size, (np.empty((0, 0)), False)
@@ -309,6 +332,7 @@ class _Normal:
         if arm.unknowns:
             arm.added(normal, right, poses)
         parts = self.right_parts + parts_towards.T.ravel()
+        # diagonal blocks of one number: their inverse is a division, and the elimination costs no more than the sparse product
         over = self.cross.multiply(1.0 / self.own[None, :]).tocsr()
         # the parts' own unknowns enter with a minus sign: seen less modelled
         normal[: self.size, : self.size] -= (over @ self.cross.T).toarray()
@@ -319,6 +343,7 @@ class _Normal:
             message = "the contacts leave a pose open; press with more of the gel, or leave out --poses that contradict them"
             raise SpecError(Problem("frames", message)) from error
         step: FloatArray = cho_solve(self.factor, right, check_finite=False)
+        # back substitution: own moved = parts + cross^T step
         moved = (parts + self.cross.T @ step[: self.size]) / self.own
         self.over = over
         return step, moved.reshape(2, -1).T
@@ -328,12 +353,15 @@ class _Normal:
         inverse = cho_solve(self.factor, np.eye(len(self.factor[0])), overwrite_b=True, check_finite=False)[
             : self.size, : self.size
         ]
+        # variance of a part: 1 / own if poses and camera were known, and what their covariance C brings through D = own^-1
+        # cross^T: diag(D C D^T)
         through = self.over.T.tocsr()
         variance = 1.0 / self.own + np.asarray(through.multiply(through @ inverse).sum(axis=1)).ravel()
         n, drift = len(nominal_mm), []
         for middle in nominal_mm[:: max(n // PATCHES, 1)]:
             near = np.flatnonzero(((nominal_mm - middle) ** 2).sum(axis=1) <= PATCH_MM**2)
             for axis in range(2):
+                # the parts' own errors average out over neighbours; those of poses and camera are common to them
                 mean = np.asarray(through[near + axis * n].mean(axis=0)).ravel()
                 drift.append(mean @ inverse @ mean)
         sigma = np.sqrt(variance.reshape(2, -1).mean(axis=0))

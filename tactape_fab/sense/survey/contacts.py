@@ -99,16 +99,19 @@ def contact_of(
     tape = ground.tape
     dots = frame_dots(canonical_frame(depth, sensor), sensor)
     camera, scale = sensor.camera, sensor.px_per_mm[0]
+    # `settled` works in the image of a perfect camera with square pixels; afterwards dots go back to what this camera sees
     on_gel = camera.from_px(dots.xy_px) - camera.from_px(sensor.centre_px)
     dots = settled(replace(dots, xy_px=on_gel * scale, seen_px=dots.xy_px), tape.pitch_mm * scale, _share(tape))
     assert dots.seen_px is not None
     back = dots.xy_px / scale + camera.from_px(sensor.centre_px)
     weights = np.minimum(dots.weights * dots.trust, 1.0)
     cells = fix.dots.cell
+    # dots that are detected here must be those of the answer, in its order
     if len(cells) != len(weights):
         return None
     used = (cells[:, 0] >= 0) & (weights > LEAST_WEIGHT) & fix.dots.inlier
     part = ground.part_at[cells[used, 1], cells[used, 0]]
+    # two dots on one part: the answer is doubtful, and either would pull the part
     if len(part) < LEAST_DOTS or len(np.unique(part)) < len(part):
         return None
     theta = radians(fix.theta_deg)
@@ -132,6 +135,7 @@ def _share(tape: Tape) -> float:
 
 def _unseen(cells: IntArray, ground: Ground) -> IntArray:
     """Parts without a dot amid neighbours that have one."""
+    # padded by one grid point on each side, so that parts at the tape's edge have eight neighbours as well
     seen = np.zeros((ground.part_at.shape[0] + 2, ground.part_at.shape[1] + 2), dtype=bool)
     on: BoolArray = cells[:, 0] >= 0
     seen[cells[on, 1] + 1, cells[on, 0] + 1] = True
@@ -143,6 +147,7 @@ def _unseen(cells: IntArray, ground: Ground) -> IntArray:
             if (dx, dy) != (1, 1):
                 window = np.s_[dy : dy + rows, dx : dx + columns]
                 shown += seen[window]
+                # grid points without a part cannot be missed
                 missed += there[window] & ~seen[window]
     unseen = (missed <= MOST_UNSEEN) & (shown >= LEAST_NEIGHBOURS) & ~seen[1:-1, 1:-1] & (ground.part_at >= 0)
     found: IntArray = ground.part_at[unseen]

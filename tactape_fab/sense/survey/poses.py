@@ -40,6 +40,7 @@ def in_plane(poses: Sequence[ArmPose], hand_eye: HandEyeFile | None) -> list[Rob
     hand_eye: Where the sensor is on the flange, and the tape in the base.
     Raises SpecError if the sensor does not look down on the tape at some pose.
     """
+    # sensor on the tape: Y^-1 B X (`calibrate.hand_eye`)
     on_flange = np.eye(4) if hand_eye is None else hand_eye.sensor_to_flange
     to_tape = np.eye(4) if hand_eye is None else np.linalg.inv(hand_eye.tape_to_base)
     found = [(pose, to_tape @ pose.flange_to_base @ on_flange) for pose in poses]

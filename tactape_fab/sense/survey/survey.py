@@ -120,6 +120,7 @@ def survey_files(
     if tape is not None and tape.surface is not None:
         problems.append(Problem("tape", f"{tape.name} is a texture on a part without a board; its places cannot be given"))
     if files is not None and profile is not None:
+        # the camera is one unknown of all contacts
         scales = {file.px_per_mm or profile.px_per_mm for file in files}
         if len(scales) > 1:
             problems.append(
@@ -159,6 +160,7 @@ def _surveyed(
     built = tape.built_parts()
     # from the design's places, film stretch included, in the texture frame
     shift = built.shift_mm * (1.0, -1.0)
+    # 0.1 um at least: a part that is called exact would have an infinite weight
     prior = Prior(shift_mm=shift, sigma_mm=None if before is None else np.maximum(built.sigma_mm, 1e-4))
     count = sum(file.count for file in files)
     contacts = _located({}, tape, ground, sensor, files, shift, progress, workers)
@@ -248,10 +250,12 @@ def _as_built(
         listed[at], present[at] = True, before.present
         d[at] = np.stack([before.dx_mm, before.dy_mm], axis=1)
         rotation[at], sigma[at], film = before.rotation_deg, before.sigma_mm, before.film
+    # the file has dx, dy with the film's stretch taken out: see `AsBuilt`
     stretch = tape.part_xy_mm() @ (film.matrix - np.eye(2)).T
     at = adjusted.part
     listed[at], present[at] = True, True
     d[at] = adjusted.shift_mm * (1.0, -1.0) - stretch[at]
+    # the adjusted sigma holds drift once, and DRIFT_ERROR times of it are meant: s^2 + (f^2 - 1) d^2
     sigma[at] = np.hypot(adjusted.sigma_mm, np.sqrt(DRIFT_ERROR**2 - 1.0) * adjusted.drift_mm)
     gone = _missing(contacts, at, n)
     listed[gone], present[gone], d[gone], sigma[gone], rotation[gone] = True, False, 0.0, 0.0, 0.0
@@ -276,5 +280,6 @@ def _missing(contacts: Collection[Contact], touched: IntArray, parts: int) -> In
     expected = np.zeros(parts, dtype=np.int64)
     for contact in contacts:
         expected[contact.expected] += 1
+    # a part that any contact shows is there
     expected[touched] = 0
     return np.flatnonzero(expected >= LEAST_EXPECTED)

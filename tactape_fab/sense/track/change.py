@@ -54,12 +54,14 @@ def change_between(old: Localization, new: Localization, sensor: SensorProfile) 
     n = len(before_px)
     on_gel = _on_gel(np.concatenate([before_px, after_px, sensor.centre_px[None]]), _camera(old, new, sensor), sensor)
     before, after = on_gel[:n], on_gel[n:]
-    # T = S + R(theta) q for both frames (SPEC, Eq. 12): q' = R(theta - theta') q + t with t = R(theta')^T (S - S')
+    # T = S + R(theta) q for both frames (paper, Eq. 12): q' = R(theta - theta') q + t with t = R(theta')^T (S - S')
     turn = radians((new.theta_deg - old.theta_deg + 180.0) % 360.0 - 180.0)
     turned = before @ _rotation(-turn).T
     middle, left = turned.sum(axis=0) / n, after - turned
     x, y = (turned - middle).T
     rates = np.zeros((n, 2, 6))
+    # columns: shift along u and v, small turn, then ln of the scale, aspect and shear; about the dots' middle, where a turn and a
+    # shift do not mix
     rates[:, 0, 0] = rates[:, 1, 1] = 1.0
     rates[:, 0, 2], rates[:, 1, 2] = -y, x
     rates[:, 0, 3], rates[:, 1, 3] = x, y
@@ -67,10 +69,13 @@ def change_between(old: Localization, new: Localization, sensor: SensorProfile) 
     rates[:, 0, 5] = y
     keep = _moved_as_one(rates[..., :3], left)
     rates, left = rates[keep], left[keep]
+    # the rigid fit gives the pose's change; scale, aspect and shear would take part of it, and are fitted beside it only to be
+    # told
     (moved, spread), (bent, bent_spread) = _solved(rates[..., :3], left), _solved(rates, left)
     # t at the image centre from that at the dots' middle
     lever = np.array([[1.0, 0.0, middle[1]], [0.0, 1.0, -middle[0]], [0.0, 0.0, 1.0]])
     back = np.zeros((3, 3))
+    # S' - S = -R(theta') t
     back[:2, :2], back[2, 2] = -_rotation(radians(new.theta_deg)), 1.0
     out = back @ lever
     shift = out @ moved
@@ -90,6 +95,7 @@ def _common(old: LocatedDots, new: LocatedDots) -> tuple[FloatArray, FloatArray]
     """Pixels in both frames of the parts that both show, in their answers' agreeing dots; shapes (n, 2)."""
     (old_cell, old_px), (new_cell, new_px) = ((one.cell[one.inlier], one.uv_px[one.inlier]) for one in (old, new))
     wide = int(max(old_cell.max(initial=0), new_cell.max(initial=0))) + 1
+    # one number for each cell: column + wide row, wide more than any column
     _, first, second = np.intersect1d(old_cell @ [1, wide], new_cell @ [1, wide], return_indices=True)
     return old_px[first], new_px[second]
 
@@ -99,6 +105,7 @@ def _camera(old: Localization, new: Localization, sensor: SensorProfile) -> Floa
     aspect, shear = (0.5 * sum((one.strain or (0.0, 0.0, None))[k] or 0.0 for one in (old, new)) for k in (0, 1))
     scale = 0.5 * sum((one.px_per_mm or sensor.px_per_mm[0]) / sensor.px_per_mm[0] for one in (old, new))
     along, down = 1.0 + 0.5 * aspect, 1.0 - 0.5 * aspect
+    # inverse of [[along, shear], [0, down]] times the scale
     return np.array([[1.0 / along, -shear / (along * down)], [0.0, 1.0 / down]]) / scale
 
 

@@ -178,6 +178,7 @@ def pose_of(fix: Localization, timestamp: float) -> Pose | None:
 def difference(new: FloatArray, old: FloatArray) -> FloatArray:
     """Difference of two poses, the angle wrapped to half a turn."""
     out: FloatArray = new - old
+    # x and y have no period
     out[2] = (out[2] + np.pi) % (2 * np.pi) - np.pi
     return out
 
@@ -188,13 +189,16 @@ def velocity_of(line: Sequence[Pose], motion: Motion) -> FloatArray:
     if len(recent) < 2:
         return np.zeros(3)
     time = np.array([pose.timestamp for pose in recent])
+    # from the last fix, so that a turn past 180 degrees does not break the line
     at = np.array([difference(pose.at, line[-1].at) for pose in recent])
     time -= time.mean()
     spread = float(time @ time)
     if spread < _LEAST_SPREAD_S2:
         return np.zeros(3)
+    # least squares: sum (t - mean) (x - mean) / sum (t - mean)^2
     slope: FloatArray = time @ (at - at.mean(axis=0)) / spread
     speed = hypot(float(slope[0]), float(slope[1]))
+    # two fixes a moment apart give any speed: their errors over a short time
     slope[:2] *= min(1.0, motion.speed_mm_s / speed) if speed > 0.0 else 1.0
     slope[2] = np.clip(slope[2], -radians(motion.turn_deg_s), radians(motion.turn_deg_s))
     return slope
@@ -229,6 +233,7 @@ def within(pose: Pose, prior: Prior) -> bool:
 def mean_pose(poses: Sequence[Pose]) -> Pose:
     """The mean of some poses of a contact at rest, with the time of the first."""
     first = poses[0]
+    # angles are averaged as differences from the first: -179 and 179 degrees are 2 apart
     at = first.at + np.mean([difference(pose.at, first.at) for pose in poses], axis=0)
     covariance: FloatArray = np.sum([pose.covariance for pose in poses], axis=0) / len(poses) ** 2
     return Pose(timestamp=first.timestamp, tape=first.tape, at=at, covariance=covariance)
@@ -240,6 +245,7 @@ def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Chang
     spread = pose.covariance + anchor.covariance
     if change is not None:
         shift, spread = change.shift, change.covariance
+    # the more dots, the smaller the covariances, and the sooner a contact at rest would slip by what they do not have
     floor = np.diag([motion.floor_mm**2, motion.floor_mm**2, radians(motion.floor_deg) ** 2])
     sigmas = _distance(shift, spread + floor)
     detected = sigmas > motion.slip_sigmas
@@ -250,6 +256,7 @@ def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Chang
     cause: Cause | None = None
     if detected and motion.shear_mm is not None and hypot(float(shift[0]), float(shift[1])) > motion.shear_mm:
         cause = "slip"
+    # three components as for a pose: ln of the scale, aspect and shear
     elif change is not None and _distance(change.strain, strain_covariance) > motion.slip_sigmas:
         cause = "shear"
     return Slip(
@@ -269,6 +276,7 @@ def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Chang
 
 def _distance(off: FloatArray, covariance: FloatArray) -> float:
     """Mahalanobis distance."""
+    # with all floors at 0 a covariance may be singular; 1e-18 is 1e-9 mm squared
     return sqrt(max(float(off @ np.linalg.solve(covariance + 1e-18 * np.eye(3), off)), 0.0))
 
 

@@ -214,6 +214,7 @@ def followed(
         state, slip, slipped = _moved(state, pose, motion, sensor)
         if slipped:
             events = (*events, "slip")
+    # one fix has no velocity
     known = pose is not None and len(state.line) > 1
     return state, Track(
         timestamp=timestamp,
@@ -233,13 +234,16 @@ def _contact(
 ) -> tuple[_State, tuple[EventKind, ...]]:
     """Whether a tape is touched, and located."""
     p_tape = 1.0 if fix.p_tape is None else fix.p_tape
+    # two thresholds: a frame between them keeps a contact, and begins none, so that noise does not make it come and go
     if located or p_tape <= (TRACE if state.contact else TOUCHES):
         events: tuple[EventKind, ...] = () if state.contact else ("begin",)
+        # located after lost, or lost after located; of a contact that was never located neither is said
         if located == state.lost and state.began is not None:
             events = (*events, "regained" if located else "lost")
         return replace(state, contact=True, lost=not located, touched=timestamp, silent=0), events
     if not state.contact:
         return state, ()
+    # a frame or two without a sign may be a bad frame
     if state.silent + 1 < motion.patience:
         return replace(state, silent=state.silent + 1, lost=True), ("lost",) if state.began is not None and not state.lost else ()
     return replace(state, contact=False, lost=False, silent=0, velocity=np.zeros(3), anchor=(), began=None), ("end",)
@@ -255,16 +259,20 @@ def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
 
 def _moved(state: _State, pose: Pose, motion: Motion, sensor: SensorProfile) -> tuple[_State, Slip, bool]:
     """State with one more fix, its slip, and whether that slip is new."""
+    # after a jump or a new contact the old fixes say nothing of the velocity
     line = (*(() if state.began is None else state.line), pose)[-LINE_FIXES:]
     began = state.began or pose
     anchor = state.anchor or (pose,)
     first = anchor[0].fix
+    # dots in common are those of one frame: the first of the reference, though its pose is the mean of some
     change = None if first is None or pose.fix is None or pose is anchor[0] else change_between(first, pose.fix, sensor)
     slip = slip_of(pose, mean_pose(anchor), began, motion, change)
     if slip.detected:
         anchor, still = (pose,), 0
     else:
+        # the first few fixes of a rest make the reference, which then stays: a running mean would follow a slow slide
         anchor, still = (anchor if not state.anchor else (*anchor, pose)[:ANCHOR_FIXES]), state.still + 1
+    # a slide over many frames is one event, until the contact rests
     slipping = slip.detected or (state.slipping and still < STILL_FIXES)
     after = replace(state, line=line, velocity=velocity_of(line, motion), began=began, anchor=anchor)
     return replace(after, still=still, slipping=slipping), slip, slip.detected and not state.slipping
