@@ -33,6 +33,7 @@ def inside_mm(scene: Scene, at_mm: FloatArray) -> FloatArray:
     if scene.contact == "strip":
         strip: FloatArray = scene.strip_half_mm - np.abs(local[..., 1])
         return strip
+    # at relative distance r / R along a ray the outline is R - r = r (R / r - 1) away; in the middle that is 0 times infinity
     ellipse: FloatArray = np.hypot(local[..., 0], local[..., 1]) * (1 / np.maximum(_relative(scene, local), 1e-9) - 1)
     return np.where(_relative(scene, local) < 1e-6, min(scene.contact_mm) / 2, ellipse)
 
@@ -52,6 +53,7 @@ def inwards(scene: Scene, at_mm: FloatArray) -> FloatArray:
     if scene.contact == "pad":
         return np.zeros(at_mm.shape)
     steps = 1e-3 * np.eye(2)
+    # central differences: the distance's slope points inwards
     slope = np.stack([inside_mm(scene, at_mm + step) - inside_mm(scene, at_mm - step) for step in steps], axis=-1)
     unit: FloatArray = slope / np.maximum(np.hypot(slope[..., 0], slope[..., 1]), 1e-12)[..., None]
     return unit
@@ -115,8 +117,10 @@ def _background(scene: Scene, at_mm: FloatArray) -> FloatArray:
 
     Under a strip the parabola has the cylinder's curvature.
     """
+    # with rho = x / half the parabola falls by peak x^2 / (2 half^2), which is the cylinder's x^2 / 2 R for peak = half^2 / R
     peak_mm = scene.strip_half_mm**2 / scene.cylinder_radius_mm if scene.contact == "strip" else scene.dome_mm
     rho = _relative(scene, contact_local(scene, at_mm))
+    # at rho = 1 both are 1/2, with slope -1
     shape = np.where(rho < 1.0, 1 - rho**2 / 2, np.exp(-2 * (np.maximum(rho, 1.0) - 1)) / 2)
     background: FloatArray = peak_mm * shape
     return background

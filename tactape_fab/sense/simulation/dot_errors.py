@@ -107,6 +107,7 @@ def dots_of(
         at_mm = at_mm + displacements(view, at_mm, rng)
     share = imprint(scene, at_mm)
     true_px = view.to_px(at_mm)
+    # a dot of no imprint has weight 0, and is none
     found = (share >= max(errors.least_imprint, 1e-3)) & (rng.random(len(share)) >= errors.lost)
     found &= (np.abs(true_px - profile.centre_px) <= profile.centre_px).all(axis=1)
     index, share, true_px, at_mm = index[found], share[found], true_px[found], at_mm[found]

@@ -287,9 +287,11 @@ def parts_in_view(view: View, parts: Parts, rng: np.random.Generator) -> tuple[I
     """
     scene, tape = view.scene, view.tape
     if scene.mirrored_tape:
+        # about the board's middle; directions of parts are mirrored at the vertical
         mirrored = parts.xy_mm * (-1.0, 1.0) + (tape.board.size_mm[0], 0.0)
         parts = Parts(xy_mm=mirrored, rotation_deg=180.0 - parts.rotation_deg)
     reach_mm = float(np.hypot(*tape.part.body_mm[:2])) / 2
+    # before anything is drawn of them: a tape has thousands of parts, and a contact shows some dozens
     near = np.flatnonzero(view.in_reach(parts, reach_mm + 4 * scene.placement_mm))
     standing, there = scattered(parts.taken(near), scene, rng)
     at_mm = view.from_board(standing.xy_mm)
@@ -312,6 +314,7 @@ def _draw_bumps(view: View, rng: np.random.Generator) -> tuple[FloatArray, Float
 def points_in_contact(view: View, count: int, rng: np.random.Generator) -> FloatArray:
     """Points uniformly distributed over the visible contact; shape (count, 2) or fewer, mm from the image centre."""
     outline = contact_outline_mm(view.scene, view.half_field_mm)
+    # 32 for each, as not all of the box is contact; there may be fewer
     candidates = rng.uniform(outline.min(axis=0), outline.max(axis=0), (32 * count, 2))
     seen = (np.abs(candidates) <= view.half_field_mm).all(axis=1) & (inside_mm(view.scene, candidates) > 0.0)
     return candidates[seen][:count]

@@ -56,17 +56,20 @@ def draw_poses(
         raise SpecError(problems)
     check_count(count)
     shift = np.random.Generator(np.random.PCG64(np.random.SeedSequence(checked_seed(seed), spawn_key=(0, 2)))).random(3)
+    # Roberts' additive recurrence: frame k needs none of those before it
     share = (shift + np.outer(np.arange(1, count + 1), _RECURRENCE)) % 1.0
     theta_deg = 180.0 - 360.0 * share[:, 2]
     view = make_view(tape, (0.0, 0.0), 0.0, profile, scene)
     c, s = np.cos(np.radians(theta_deg)), np.sin(np.radians(theta_deg))
     turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # for rows of points: points @ turn
+    # the contact's outline about the image centre in texture directions, of every pose; (n, k, 2)
     outline = contact_outline_mm(scene, view.half_field_mm) @ turn
     grid_mm = np.array([tape.columns - 1, tape.rows - 1]) * tape.pitch_mm
     if edge:
         centre = _overhanging(share[:, :2], np.abs(outline).max(axis=1), grid_mm)
         position = centre - (np.asarray(scene.contact_offset_mm) @ turn)
     else:
+        # position + outline within 0 ... grid
         low, high = -outline.min(axis=1), grid_mm - outline.max(axis=1)
         middle = (low + high) / 2
         low, high = np.minimum(low, middle), np.maximum(high, middle)
@@ -78,6 +81,7 @@ def draw_poses(
 def _overhanging(share: FloatArray, half_mm: FloatArray, grid_mm: FloatArray) -> FloatArray:
     """Contact centres around the grid's outline; shape (n, 2), mm in the texture frame."""
     width, height = grid_mm
+    # way around the grid: along the top, down the right, back along the bottom, up the left
     along = share[:, 0] * 2 * (width + height)
     side = np.searchsorted(np.cumsum([width, height, width]), along, side="right")
     at = along - np.concatenate([[0.0], np.cumsum([width, height, width])])[side]

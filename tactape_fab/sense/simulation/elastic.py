@@ -81,9 +81,11 @@ def imprint_of(
     assert elastic is not None
     shape = (view.profile.height_px, view.profile.width_px)
     at_mm = pixels_mm(shape, view.camera)
+    # a sphere near its top: the gel's surface falls by r^2 / 2 R
     crown_mm = (at_mm**2 / (2 * np.asarray(elastic.crown_mm))).sum(axis=-1)
     surface_mm = _surface_mm(view, elastic, at_mm, _relief_mm(view, parts, parts_mm, bumps_mm, bump_sizes))
     of_gel = response(shape, (u, v), _layer(elastic, view.profile.gel))
+    # N times px/mm2: the solver's force is the sum of the pixels' pressures
     pressed = press_rigid(crown_mm - surface_mm, elastic.force_n * u * v, of_gel, start_mpa)
     depth = _measured(pressed.deflection_mm.astype(np.float32), (u, v), at_mm, elastic)
     depth = np.rint(depth / _QUANTUM_MM) * _QUANTUM_MM
@@ -107,10 +109,12 @@ def _relief_mm(view: View, parts: Parts, parts_mm: FloatArray, bumps_mm: FloatAr
     image = relief_of(in_full, parts.taken(np.empty(0, dtype=np.int64)), np.empty((0, 2)), bumps_mm, bump_sizes)
     length_mm, width_mm, height_mm = part.body_mm
     edge_mm = min(_EDGE_MM, height_mm, width_mm / 2)
+    # a quarter circle of radius e at the height t e above its foot lies e (1 - sqrt(1 - t^2)) inside the block's side
     levels = (np.arange(_TERRACES) + 0.5) / _TERRACES
     insets_mm = [0.0, *(edge_mm * (1 - np.sqrt(1 - levels**2)))]
     steps_mm = [height_mm - edge_mm, *[edge_mm / _TERRACES] * _TERRACES]
     blocks = np.zeros_like(image)
+    # what the gel has displaced a part by, its corners are displaced by too
     moved_mm = (parts_mm - view.from_board(parts.xy_mm))[:, None]
     for inset_mm, step_mm in zip(insets_mm, steps_mm, strict=True):
         corners_mm = _corners_mm(parts, length_mm - 2 * inset_mm, width_mm - 2 * inset_mm)
@@ -133,6 +137,7 @@ def _surface_mm(view: View, elastic: ElasticContact, at_mm: FloatArray, relief_m
     if elastic.cylinder_radius_mm is None:
         return surface
     square, radius, height = contact_local(view.scene, at_mm)[..., 1] ** 2, elastic.cylinder_radius_mm, view.tape.part.body_mm[2]
+    # heights over the axis: film on the radius, flat tops on the radius + the part's height; relief in between goes in proportion
     film, tops = (np.sqrt(np.maximum(r**2 - square, 0.0)) for r in (radius, radius + height))
     curved: FloatArray = surface + film - radius + relief_mm * ((tops - film) / height - 1)
     return curved
@@ -141,10 +146,12 @@ def _surface_mm(view: View, elastic: ElasticContact, at_mm: FloatArray, relief_m
 def _measured(surface_mm: FloatImage, px_per_mm: tuple[float, float], at_mm: FloatArray, elastic: ElasticContact) -> FloatImage:
     """The gel's surface as a photometric sensor measures it: smoothed, its slopes cut at their limit, and integrated."""
     u, v = px_per_mm
+    # a narrower Gaussian has no weight on the next pixel: exp(-200)
     if elastic.blur_mm * min(u, v) >= 0.05:
         surface_mm = smooth(surface_mm, gaussian_kernel(elastic.blur_mm * u), gaussian_kernel(elastic.blur_mm * v), "edge")
     if elastic.slope_limit is None and not elastic.markers:
         return surface_mm
+    # what the sensor measures are slopes: limits and hidden places act on these, and the depth is what fits them best
     steps = [np.diff(surface_mm.astype(np.float64), axis=1), np.diff(surface_mm.astype(np.float64), axis=0)]
     if elastic.slope_limit is not None:
         steps = [np.tanh(steps[i] * px_per_mm[i] / elastic.slope_limit) * elastic.slope_limit / px_per_mm[i] for i in range(2)]
@@ -169,9 +176,13 @@ def integrated(right_mm: FloatArray, down_mm: FloatArray) -> FloatArray:
     right_mm (h, w - 1): Difference of each pixel from the one to its left.
     down_mm (h - 1, w): Difference of each pixel from the one above.
     """
+    # normal equations of the least squares: minus the Laplacian of the surface is minus the divergence of its steps, none of
+    # which crosses the border
     source = np.diff(-right_mm, axis=1, prepend=0.0, append=0.0) + np.diff(-down_mm, axis=0, prepend=0.0, append=0.0)
     h, w = source.shape
     mirrored = np.block([[source, source[:, ::-1]], [source[::-1], source[::-1, ::-1]]])  # no slope across the image's border
+    # eigenvalues of minus the five-point Laplacian at the waves of the mirrored picture, of periods 2 w and 2 h; the mean has
+    # none
     curvature = 4 * np.sin(np.pi * np.arange(w + 1) / (2 * w)) ** 2 + 4 * np.sin(np.pi * np.arange(2 * h) / (2 * h))[:, None] ** 2
     waves = np.fft.rfft2(mirrored)
     curvature[0, 0], waves[0, 0] = 1.0, 0.0

@@ -78,9 +78,11 @@ def response(shape: tuple[int, int], px_per_mm: tuple[float, float], layer: Laye
 
     The grid is padded by four thicknesses, at most by three times its size, so that its periodic images do not matter.
     """
+    # a transform's deflection is periodic: what leaves the grid on one side comes in on the other
     most = (min(_REACH * layer.thickness_mm * px_per_mm[1 - i], _MOST_PADDING * shape[i]) for i in range(2))
     rows, columns = (_fast_length(n + int(np.ceil(pad))) for n, pad in zip(shape, most, strict=True))
     spectrum = _compliances((rows, columns), px_per_mm, layer)
+    # unit pressure on one pixel has the spectrum 1 everywhere, so that this is the response's own value there
     own = float(np.fft.irfft2(spectrum, (rows, columns))[0, 0])
     return Response(size=(rows, columns), spectrum=spectrum, own=own, stiffness=1 / _compliances(shape, px_per_mm, layer))
 
@@ -95,6 +97,7 @@ def _compliances(size: tuple[int, int], px_per_mm: tuple[float, float], layer: L
 def deflection(pressure_mpa: FloatArray, of: Response) -> FloatArray:
     """Deflection of the surface under a pressure; shape (h, w), mm."""
     h, w = pressure_mpa.shape
+    # axis by axis: rows of the padding are zero before the first transform, and are not asked for after the last
     waves = np.fft.fft(np.fft.rfft(pressure_mpa, of.size[1], axis=1), of.size[0], axis=0)
     waves *= of.spectrum
     found: FloatArray = np.fft.irfft(np.fft.ifft(waves, axis=0)[:h], of.size[1], axis=1)[:, :w]
@@ -113,25 +116,33 @@ def press_rigid(shape_mm: FloatArray, force: float, of: Response, start_mpa: Flo
     along, last, conjugate = np.zeros_like(pressure), 1.0, False
     change, rounds = np.inf, 0
     while change > _TOLERANCE and rounds < _MOST_ROUNDS:
+        # how far the rigid surface goes in is unknown, and the force is given: it is the mean gap in the contact that must be
+        # taken off
         touching = (pressure > 0.0).astype(np.float64)
         count = touching.sum()
         gap = deflection(pressure, of) + shape_mm
         gap -= _product(gap, touching) / count
         residual = gap * touching
         rise = _stiffened(residual, of) * touching
+        # of sum zero in the contact, so that a step changes no force; what masks and cuts change after that is scaled away
         rise -= touching * (rise.sum() / count)
         squares = _product(residual, rise)
+        # Fletcher and Reeves' factor; a pixel that has left the contact has no part in the direction
         along *= touching * (squares / last) if conjugate else 0.0
         along += rise
         answer = deflection(along, of)
+        # the energy along the line is a parabola: its slope is residual . along, its curvature along . K along
         bend = _product(answer, along)
         step = _product(residual, along) / bend if bend > 0.0 else 0.0
         new = np.maximum(pressure - step * along, 0.0)
+        # no pressure and yet overlapping: the pixel enters, and as the contact is another then, directions are no longer
+        # conjugate
         overlap = (new <= 0.0) & (gap < 0.0)
         conjugate, last = squares > 0.0 and not overlap.any(), squares
         new -= gap * overlap * (_ENTRY / of.own)
         new *= force / new.sum()
         change, pressure, rounds = float(np.abs(new - pressure).sum()) / force, new, rounds + 1
+    # zero where there is pressure: on the mean with the pressure as weight
     bent = deflection(pressure, of)
     gap = bent + shape_mm
     return Pressed(pressure, bent, gap - _product(gap, pressure) / force, rounds)

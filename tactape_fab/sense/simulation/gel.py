@@ -55,6 +55,7 @@ def _corners_mm(view: View, rotation_deg: FloatArray) -> FloatArray:
     rotation = np.radians(rotation_deg)
     along_board = np.stack([np.cos(rotation), np.sin(rotation)], axis=-1)
     across_board = np.stack([-np.sin(rotation), np.cos(rotation)], axis=-1)
+    # board y is up, the texture's is down
     flip = np.array([1.0, -1.0])
     along = (along_board * flip) @ view.turn * length_mm / 2
     across = (across_board * flip) @ view.turn * width_mm / 2
@@ -80,11 +81,13 @@ def _cut_film(image: FloatArray, view: View) -> None:
     corners_px = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
     corners = view.to_board(view.from_px(corners_px))
     mean_scale = float(np.sqrt(np.prod(view.px_per_mm)))
+    # the outline is convex: with all corners of the contact a pixel inside it, no edge is in view
     if inset_mm(corners, board.size_mm, board.corner_radius_mm).min() > 1 / mean_scale:
         return
     first, last = np.floor(low + 0.5).astype(np.int64), np.ceil(high + 0.5).astype(np.int64)
     u, v = np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]))
     at = view.to_board(view.from_px(np.stack([u, v], axis=-1).astype(np.float64)))
+    # a straight edge at distance d px from a pixel's centre leaves 0.5 - d of it outside, exactly where it runs along the pixels
     beyond = np.clip(0.5 - inset_mm(at, board.size_mm, board.corner_radius_mm) * mean_scale, 0.0, 1.0)
     image[first[1] : last[1], first[0] : last[0]] -= min(board.thickness_mm, view.scene.dome_mm) * beyond
 

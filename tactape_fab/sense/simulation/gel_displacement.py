@@ -29,6 +29,8 @@ def displacements(view: View, at_mm: FloatArray, rng: np.random.Generator) -> Fl
     step_mm = length_mm / _NODES_PER_LENGTH
     across, down = (np.arange(-n, n + 1) * step_mm for n in _counts(view.half_field_mm, length_mm, step_mm))
     drawn = rng.standard_normal((2, len(across), len(down)))
+    # exp(-(x - n)^2 / l^2) exp(-(y - n)^2 / l^2), summed over nodes n, is exp(-(x - y)^2 / 2 l^2) times a sum that hardly depends
+    # on where between the nodes the points are
     of_u, of_v = (np.exp(-(((at_mm[:, k, None] - nodes) / length_mm) ** 2)) for k, nodes in enumerate((across, down)))
     # the squares of the spread over all nodes add up to (pi / 2) (l / step)^2
     gain = displacement_um(view) / 1000.0 / (np.sqrt(np.pi / 2) * _NODES_PER_LENGTH)

@@ -49,6 +49,7 @@ def slope_noise_of(profile: SensorProfile, scene: Scene) -> float | None:
 def _integrated(shape: tuple[int, ...], px_per_mm: tuple[float, float], rng: np.random.Generator) -> FloatArray:
     """Depth of white slope noise of 1 rms a pixel, periodic, larger than the image; mm."""
     height, width = (_fast_length(int(np.ceil(_PADDED * n))) for n in shape)
+    # pairs of real numbers as complex ones, of variance 2
     drawn = rng.standard_normal((height, width // 2 + 1, 2)).view(np.complex128)[..., 0]
     field: FloatArray = np.fft.irfft2(drawn * _amplitude(height, width, px_per_mm), (height, width))
     return field

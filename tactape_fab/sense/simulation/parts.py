@@ -107,6 +107,7 @@ def as_parts(tape: Tape, parts: Parts | npt.ArrayLike | None) -> Parts:
 
 def scattered(parts: Parts, scene: Scene, rng: np.random.Generator) -> tuple[Parts, npt.NDArray[np.bool_]]:
     """Parts with placement errors, and a mask of those present; every scene draws the same random numbers."""
+    # all numbers are drawn whatever the scene asks for, so that a scene with placement errors loses the very parts of one without
     count = len(parts.xy_mm)
     there = rng.random(count) >= scene.missing
     xy_mm = parts.xy_mm + scene.placement_mm * rng.standard_normal((count, 2))

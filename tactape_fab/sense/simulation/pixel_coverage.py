@@ -24,9 +24,11 @@ def add_quads(image: FloatArray, corners_px: FloatArray, height: float) -> None:
     corners_px (n, 4, 2): Corners of convex quadrilaterals, in either orientation; they may lie partly or fully outside.
     """
     for which, first, size in _windows(corners_px.min(axis=1), corners_px.max(axis=1), image.shape, 1):
+        # from the window's outer corner: borders of pixels are whole numbers
         corners = corners_px[which] + 0.5 - first[:, None]
         borders = np.arange(size[0] + 1.0), np.arange(size[1] + 1.0)
         area = sum(_area_under(corners[:, i], corners[:, (i + 1) % 4], *borders) for i in range(4))
+        # the area in a pixel from those in the four quadrants at its corners; negative for one orientation of the corners
         cells = np.abs(np.diff(np.diff(np.asarray(area), axis=1), axis=2))
         _scatter(image, cells * height, first)
 
@@ -83,11 +85,13 @@ def _windows(
     Yields size: Width and height for all of them; a window may exceed the image to the right and below.
     """
     last_px = np.array([shape[1] - 1, shape[0] - 1])
+    # pixel k covers k - 0.5 to k + 0.5
     first = np.maximum(np.floor(low_px + 0.5), 0.0)
     last = np.minimum(np.floor(high_px + 0.5), last_px)
     seen = np.flatnonzero((first <= last).all(axis=1))
     if not len(seen):
         return
+    # one size for all, so that numpy takes them together; what it is too large by holds nothing
     size = (last[seen] - first[seen]).max(axis=0).astype(np.int64) + 1
     lot = max(1, MOST_SAMPLES // int(size.prod() * samples))
     for start in range(0, len(seen), lot):
@@ -101,6 +105,7 @@ def _scatter(image: FloatArray, cells: FloatArray, first: IntArray) -> None:
     v = (first[:, 1:] + np.arange(cells.shape[2]))[:, None, :]
     inside = (u < image.shape[1]) & (v < image.shape[0])
     index = (v * image.shape[1] + u)[inside]
+    # bodies may cover the same pixel: indexing would add only one of them
     image += np.bincount(index, weights=cells[inside], minlength=image.size).reshape(image.shape)
 
 
@@ -114,10 +119,12 @@ def _area_under(a: FloatArray, b: FloatArray, u_border: FloatArray, v_border: Fl
     left, right = np.where(forward, a, b), np.where(forward, b, a)
     width = right[:, 0] - left[:, 0]
     slope = (right[:, 1] - left[:, 1]) / np.where(width > 0.0, width, 1.0)
+    # how far along u the edge has come at each border; a vertical edge has no width, and no area under it
     run = np.clip(u_border - left[:, :1], 0.0, width[:, None])
     at_left = (v_border - left[:, 1:])[:, None, :]
     at_end = at_left - (slope[:, None] * run)[:, :, None]
     high, low = np.maximum(at_left, at_end), np.minimum(at_left, at_end)
+    # max(., 0) of a line from `high` to `low` < 0: a triangle of height `high` over the share high / (high - low) of the way
     rise = np.maximum(high, 0.0)
     crossing = rise * rise / (2 * np.where(high > low, high - low, 1.0))
     mean = np.where(low >= 0.0, (high + low) / 2, crossing)

@@ -156,6 +156,7 @@ class Scene:
         """Half the width of a strip, mm."""
         if self.strip_width_mm is not None:
             return self.strip_width_mm / 2
+        # a cylinder pressed in by d touches to x^2 / 2 R = d
         return max(sqrt(2 * self.cylinder_radius_mm * self.dome_mm), _LEAST_CONTACT_MM / 2)
 
     def changed(self, options: Mapping[str, Any]) -> Scene:

@@ -73,5 +73,7 @@ def _down_columns(image: FloatImage, taps: FloatImage, out: FloatImage) -> None:
 def _add_product(image: FloatImage, tap: np.float32, exact: npt.NDArray[np.float64], out: FloatImage) -> None:
     """Add a multiple of an image to `out` with one rounding, as a fused multiply-add does; `exact` is a buffer."""
     np.multiply(image, np.float64(tap), out=exact, dtype=np.float64)
+    # the product is exact in float64, the sum rounds once there and once to float32: as a fused operation, but where the first
+    # rounding makes a tie, once in some 2^29
     exact += out
     out[...] = exact

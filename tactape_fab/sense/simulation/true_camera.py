@@ -80,6 +80,7 @@ def _made(
         middle_mm, half_field_mm = (middle_px - model.centre_px) / scale, np.array(size_px) / scale / 2
     else:
         middle_mm = model.from_px(middle_px)
+        # a lens or a shear bends the field's sides, and the farthest point may be anywhere on them
         half_field_mm = np.abs(model.from_px(_border_px(size_px)) - middle_mm).max(axis=0)
     for array in (middle_px, middle_mm, half_field_mm):
         array.setflags(write=False)

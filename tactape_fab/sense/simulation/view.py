@@ -87,7 +87,9 @@ def bent(scene: Scene, flat_mm: FloatArray, height_mm: float = 0.0) -> FloatArra
     turn = radians(scene.contact_turn_deg)
     across = contact_local(scene, flat_mm)[..., 1]
     centre = float(contact_local(scene, np.zeros(2))[1])
+    # arc length along the film from the cylinder's top line; the image centre is seen at `centre` from it, and stays there
     arc = np.arcsin(np.clip(centre / seen_radius, -1.0, 1.0)) * radius + across - centre
+    # beyond a quarter of the circle the film turns away: it stays at the cylinder's edge, where there is no contact
     seen = seen_radius * np.sin(np.clip(arc / radius, -np.pi / 2, np.pi / 2))
     shifted: FloatArray = flat_mm + (seen - across)[..., None] * np.array([sin(turn), cos(turn)])
     return shifted
@@ -103,6 +105,7 @@ def projected(scene: Scene, flat_mm: FloatArray, height_mm: float) -> FloatArray
     assert elastic is not None
     if elastic.cylinder_radius_mm is not None:
         flat_mm = bent(scene, flat_mm, height_mm)
+    # the plane's gradient; its length is the tangent of the steepest angle, whose cosine is 1 / sqrt(1 + tan^2)
     slope = np.tan(np.radians(elastic.tilt_deg))
     square = float(slope @ slope)
     if square == 0.0:
