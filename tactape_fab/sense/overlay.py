@@ -47,6 +47,7 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
     image = np.asarray(depth).astype(np.float32)
     image = np.ascontiguousarray(sensor.canonical(np.where(np.abs(image) < 1e15, image, 0.0).astype(np.float32)))
     scale = float(np.sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
+    # rounded up
     zoom = max(1, -(-LEAST_SIDE_PX // max(image.shape)))
     picture = _shades(band_pass(image, scale), zoom)
     dots = _zoomed(detect(image, scale).xy_px, zoom)

@@ -98,9 +98,11 @@ def on_surface(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, Float
     if mount.surface == "plane":
         return np.column_stack([xy, np.zeros(len(xy))]), np.tile(np.eye(3), (len(xy), 1, 1))
     round_mm, height = (xy[:, 0], xy[:, 1]) if mount.around == "x" else (xy[:, 1], -xy[:, 0])
+    # the neutral layer keeps its length when the film is bent, the top is stretched: arc lengths are angles there
     angle = round_mm / mount.true_mm
     c, s, none, one = np.cos(angle), np.sin(angle), np.zeros(len(xy)), np.ones(len(xy))
     along, up, out = np.stack([-s, c, none], axis=1), np.stack([none, none, one], axis=1), np.stack([c, s, none], axis=1)
+    # board x and y on the cylinder's own directions; around y the board lies a quarter turn further, with x down the axis
     first, second = (along, up) if mount.around == "x" else (-up, along)
     return np.column_stack([mount.top_mm * c, mount.top_mm * s, height]), np.stack([first, second, out], axis=2)
 
@@ -116,6 +118,7 @@ def texture_surface(mount: Mount, tape: Tape) -> Surface:
 
     def surface(at_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         points, axes = to_object(mount, texture_to_board(at_mm, tape.board.texture_origin_mm)[None])
+        # board axes to texture axes: y down and z into the object
         return points[0], axes[0] * (1.0, -1.0, -1.0)
 
     return surface

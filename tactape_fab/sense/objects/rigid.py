@@ -12,6 +12,7 @@ def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
     """Rotation matrix of roll, pitch and yaw: turns about the fixed axes x, then y, then z, as in URDF; shape (3, 3)."""
     out = np.eye(3)
     for axis, angle in enumerate(np.radians(np.asarray(rpy_deg, dtype=np.float64))):
+        # the plane that an axis turns, in cyclic order: y z, z x, x y
         i, j = (axis + 1) % 3, (axis + 2) % 3
         turn = np.eye(3)
         turn[i, i] = turn[j, j] = np.cos(angle)
@@ -44,6 +45,7 @@ def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
             (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + np.trace(r)),
         ]
     )  # 4 q q^T: the longest row has the least rounding error
+    # each row is the quaternion times 4 of one of its entries
     row = products[int(np.argmax(np.diag(products)))]
     x, y, z, w = (row / np.linalg.norm(row) * (1.0 if row[3] >= 0.0 else -1.0)).tolist()
     return x, y, z, w
@@ -58,6 +60,8 @@ def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, Fl
     Returns rms: Root mean square of the remaining distances.
     """
     middle, to_middle = points.mean(axis=0), to_points.mean(axis=0)
+    # the rotation that makes trace(R^T H) largest is U V^T; where that is a reflection, the least singular value's direction is
+    # turned
     u, _, vt = np.linalg.svd((to_points - to_middle).T @ (points - middle))
     rotation: FloatArray = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
     translation: FloatArray = to_middle - rotation @ middle

@@ -134,6 +134,7 @@ def _starts(rotation: FloatArray, translation_mm: FloatArray, side_mm: float) ->
     square = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
     points = square @ rotation.T + translation_mm
     seen = points[:, :2] / points[:, 2:]
+    # a square seen from afar looks nearly alike at two tilts; IPPE gives both (Collins and Bartoli, 2014)
     _, turns, shifts, _ = cv2.solvePnPGeneric(square, seen, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
     starts = [(np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
     apart = [np.abs(turn - rotation).max() for turn, _ in starts]
@@ -161,6 +162,7 @@ def _pixels(
         raise FrameError(f"the tag is not wholly inside the picture of {width} x {height} px; give one that shows it all")
     (u0, v0), (u1, v1) = low.astype(int), high.astype(int)
     inside = np.zeros((v1 - v0, u1 - u0), dtype=np.uint8)
+    # corners in sixteenths of a pixel (shift = 4)
     cv2.fillConvexPoly(inside, np.rint((outline - (u0, v0)) * 16).astype(np.int32), 1, cv2.LINE_8, 4)
     v, u = np.nonzero(inside)
     if not _LEAST_PIXELS <= len(u) <= _MOST_PIXELS:
@@ -170,7 +172,9 @@ def _pixels(
         raise FrameError(message)
     pixels = np.stack([u + u0, v + v0], axis=1).astype(np.float64)
     px_per_cell = sqrt(len(u)) / (2 * half / cell_mm)
+    # a small tag's picture is blurred enough by itself
     smoothed_px = max(_SMOOTHING_CELLS * px_per_cell - _BLUR_PX / 2, 0.0)
+    # a Gaussian of four deviations, so that its own border does not come in
     margin = ceil(4 * smoothed_px)
     left, top = max(u0 - margin, 0), max(v0 - margin, 0)
     shown = image[top : v1 + margin, left : u1 + margin].astype(np.float32)
@@ -192,6 +196,7 @@ def _printed(tag_id: int) -> _F32:
 
     light = np.kron(np.pad(tag_cells(tag_id), _PAD_CELLS), np.ones((_PX_PER_CELL, _PX_PER_CELL), dtype=bool)).astype(np.uint8)
     inside, outside = (cv2.distanceTransform(area, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for area in (light, 1 - light))
+    # distances are to the next pixel of the other kind, whose border lies half a pixel nearer
     return np.asarray(np.where(light, inside - 0.5, 0.5 - outside) / _PX_PER_CELL, dtype=np.float32)
 
 
@@ -206,13 +211,17 @@ def _residual(
     cv2 = library("cv2", "fitting a tag to a picture")
 
     turn = np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation
+    # rays in the tag's frame: X = R^T (s ray - t), which meets z = 0 at s = -start_z / ahead_z
     ahead, start = seen.rays @ turn, -turn.T @ values[3:6]
     hit = start[:2] - (start[2] / ahead[:, 2])[:, None] * ahead[:, :2]
+    # mm from the tag's centre to pixels of the printed picture, integers at pixel centres
     at = ((hit / cell_mm + SIDE_CELLS / 2 + _PAD_CELLS) * _PX_PER_CELL - 0.5).astype(np.float32)
+    # a pixel at distance d of a straight edge is covered by d + 0.5, from 0 to 1
     light = np.clip((_printed(tag_id) + np.float32(values[7])) * _PX_PER_CELL + 0.5, 0.0, 1.0)
     blurred = cv2.GaussianBlur(light, (0, 0), float(np.exp(values[6])) * _PX_PER_CELL)
     shape = np.ravel(cv2.remap(blurred, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)).astype(np.float64)
     design = np.column_stack([shape, np.ones(len(shape))])
+    # brightness and contrast are linear: for each pose the best ones are put in at once (variable projection)
     return seen.levels - design @ np.linalg.lstsq(design, seen.levels, rcond=None)[0], shape
 
 
@@ -220,6 +229,7 @@ def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, tran
     """Least squares by Levenberg and Marquardt, from one start."""
     cv2 = library("cv2", "fitting a tag to a picture")
 
+    # steps of differences, and the unit of `step`: mrad, 1e-4 of the distance, ln of the blur, cells
     scale = np.array([1e-3] * 3 + [1e-4 * float(translation_mm[2])] * 3 + [0.05, 0.02])
     values = np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])
     low, high = np.log(hypot(0.2, seen.smoothed_px) / seen.px_per_cell), np.log(2.0)
@@ -238,6 +248,7 @@ def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, tran
             axis=1,
         )
         normal = slopes.T @ slopes
+        # Marquardt's damping is relative to each unknown's own curvature
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-12 * np.eye(8), slopes.T @ off)
         moved = values + np.clip(step, -20.0, 20.0) * scale
         moved[6], moved[7] = np.clip(moved[6], low, high), np.clip(moved[7], -_MOST_BLEED, _MOST_BLEED)

@@ -115,6 +115,7 @@ def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.A
     if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0.0:
         raise SpecError(Problem("rotation", "rotation is no rotation matrix; give pose_R as the detector has it"))
     back = np.eye(4)
+    # inverse of a rigid motion: camera to tag
     back[:3, :3], back[:3, 3] = turn.T, -turn.T @ shift
     return np.asarray(tag_to_texture(tape) @ back, dtype=np.float64)
 
@@ -172,6 +173,7 @@ def pixels_to_texture(
     transform = camera_to_texture(tape, rotation, translation_mm)
     ahead = rays @ transform[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):
+        # camera centre + way ahead, on z = 0; behind the camera it is negative
         way = -transform[2, 3] / ahead[:, 2]
         hit = transform[:2, 3] + way[:, None] * ahead[:, :2]
     return np.where((way > 0.0)[:, None] & np.isfinite(hit), hit, np.nan)

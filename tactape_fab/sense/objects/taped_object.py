@@ -206,6 +206,7 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
         surface="cylinder" if surface == "cylinder" else "plane",
         rotation=turn,
         position_mm=position,
+        # the neutral layer of a bent film is taken in its middle
         top_mm=radius + under + thickness,
         true_mm=radius + under + thickness / 2,
         around="y" if around == "y" else "x",

@@ -89,6 +89,7 @@ def open_reconstruction(
         return None
     assert untouched is not None and network is not None
     x, y = sensor.px_per_mm
+    # px_per_mm is of the canonical image, and colour images are as the camera delivers them
     scale = (y, x) if sensor.rotate90 % 2 else (x, y)
     return make_reconstruction(_read(untouched, "background"), network, scale)
 
@@ -112,6 +113,7 @@ def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
 def by_number(name: str) -> list[tuple[int, str]]:
     """A name as what sorts by the value of the numbers in it."""
     parts = _NUMBERS.split(name)
+    # odd parts are numbers without leading zeros: of those the longer is the larger, and of two as long the one that sorts later
     return [(len(part) * (i % 2), part) for i, part in enumerate(parts)]
 
 

@@ -19,6 +19,7 @@ def _layer(inputs: Floats, outputs: Floats, weight: Floats, bias: Floats, n_in: 
     for j in range(0, n_out, 4):
         out0, out1, out2, out3 = outputs[j], outputs[j + 1], outputs[j + 2], outputs[j + 3]
         b0, b1, b2, b3 = bias[j], bias[j + 1], bias[j + 2], bias[j + 3]
+        # always the whole block: loops of a known length vectorise, and the rest beyond the last pixel is never read
         for p in range(BLOCK):
             out0[p], out1[p], out2[p], out3[p] = b0, b1, b2, b3
         for k in range(0, n_in, 4):
@@ -64,6 +65,7 @@ def of_pixels(image: npt.NDArray[np.uint8], weights: Floats, biases: Floats, wid
             v, u = divmod(start + p, w)
             pixel = flat[start + p]
             now[0, p], now[1, p], now[2, p] = per_grey * pixel[0], per_grey * pixel[1], per_grey * pixel[2]
+            # as gs_sdk trains: u / width and v / height
             now[3, p], now[4, p] = per_w * u, per_h * v
         for k in range(5, widths[0]):
             for p in range(BLOCK):

@@ -98,6 +98,7 @@ def load_network(path: str | Path) -> Network:
 def make_network(layers: Sequence[tuple[Floats, Floats]]) -> Network:
     """A network from (weight (n_out, n_in), bias (n_out,)) of each layer, which must fit each other."""
     sizes = (layers[0][0].shape[1], *(len(bias) for _, bias in layers))
+    # rounded up: the kernel takes neurons and inputs four at a time, and zeros add nothing
     widths = np.array([-(-size // 4) * 4 for size in sizes], dtype=np.int64)
     weights = np.zeros((len(layers), widths.max(), widths.max()), dtype=np.float32)
     biases = np.zeros((len(layers), widths.max()), dtype=np.float32)
@@ -132,6 +133,7 @@ def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
     divergence = np.zeros(slopes.shape[1:], dtype=np.float32)
     u_steps = (slopes[0, :, 1:] + slopes[0, :, :-1]) * np.float32(0.5 / px_per_mm[0])
     v_steps = (slopes[1, 1:] + slopes[1, :-1]) * np.float32(0.5 / px_per_mm[1])
+    # what leaves a pixel to the right less what comes from the left; nothing crosses the border (Neumann)
     divergence[:, :-1] += u_steps
     divergence[:, 1:] -= u_steps
     divergence[:-1] += v_steps
@@ -147,6 +149,7 @@ def _inverse_laplacian(h: int, w: int) -> Floats:
     """Inverse eigenvalues of the five-point Laplacian in the cosine basis, 0 for the mean; shape (h, w)."""
     v, u = (4.0 * np.sin(np.pi * np.arange(n) / (2 * n)) ** 2 for n in (h, w))
     total = v[:, None] + u
+    # slopes say nothing of the mean
     total[0, 0] = np.inf
     inverse = (-1.0 / total).astype(np.float32)
     inverse.setflags(write=False)
@@ -192,6 +195,7 @@ class Reconstruction:
         if picture.shape[:2] != (h, w):
             found = f"{picture.shape[1]} x {picture.shape[0]} px"
             raise FrameError(f"an image of {found} is no match for a background of {w} x {h} px; crop and scale both alike")
+        # slopes of the pressed gel less those of the untouched one, negated: depth is minus the surface
         return integrated(self.untouched - slopes_of(picture, self.network), self.px_per_mm)
 
 

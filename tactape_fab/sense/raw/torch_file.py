@@ -93,6 +93,7 @@ def read_tensors(path: str | Path) -> dict[str, npt.NDArray[np.float32]]:
 
 def _read(archive: zipfile.ZipFile) -> dict[str, npt.NDArray[np.float32]]:
     names = archive.namelist()
+    # the folder in the zip has the name of the file when it was saved
     tables = [name for name in names if name.count("/") == 1 and name.endswith("/data.pkl")]
     if len(names) > MOST_ENTRIES or len(names) != len(set(names)) or len(tables) != 1:
         raise SpecError(f"is a zip of other things than one table of tensors; {_REMEDY}")
@@ -110,6 +111,7 @@ def _entry(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
         info = archive.getinfo(name)
     except KeyError:
         raise SpecError(f"has no entry {shown(name)}, which its table of tensors names; {_REMEDY}") from None
+    # torch stores entries as they are; a deflated one may be a thousand times as large as the file
     if info.compress_type != zipfile.ZIP_STORED or info.file_size > most:
         raise SpecError(f"has an entry {shown(name)} that is compressed or larger than {most} bytes; {_REMEDY}")
     return archive.read(info)
@@ -161,6 +163,7 @@ def _built(data: bytes) -> Any:
                 stack.append({})
             case "BINPUT" | "LONG_BINPUT":
                 memo[argument] = stack[-1]
+            # protocol 4: the next free number
             case "MEMOIZE":
                 memo[len(memo)] = stack[-1]
             case "BINGET" | "LONG_BINGET":
@@ -182,6 +185,7 @@ def _combine(name: str, argument: Any, stack: list[Any]) -> None:
         case "SETITEMS":
             _set(stack, _marked(stack))
         case "GLOBAL":
+            # pickletools gives both words of GLOBAL with a space between
             stack.append(_known(_text(argument).replace(" ", ".", 1)))
         case "STACK_GLOBAL":
             last, module = stack.pop(), stack.pop()
@@ -230,6 +234,7 @@ def _made(called: Any, arguments: Any) -> Any:
     sizes = [_count(n) for n in shape]
     if not isinstance(storage, _Storage) or not isinstance(shape, tuple) or not isinstance(strides, tuple) or len(sizes) > 2:
         raise TypeError("no tensor")
+    # C order: the last axis is the nearest
     if strides != tuple(prod(sizes[i + 1 :]) for i in range(len(sizes))):
         raise SpecError(f"holds a tensor that does not lie in one piece, as tensor.contiguous() does; {_REMEDY}")
     if _count(offset) + prod(sizes) > storage.count:
@@ -238,6 +243,7 @@ def _made(called: Any, arguments: Any) -> Any:
 
 
 def _storage(pid: Any) -> _Storage:
+    # ("storage", class, key, device, number of values) as torch.save writes persistent ids; the device does not matter
     word, kind, key, _, count = pid
     if word != "storage" or not isinstance(kind, _Name) or kind.text not in _STORAGES:
         raise TypeError("no storage")

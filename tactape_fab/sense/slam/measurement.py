@@ -124,6 +124,7 @@ class PoseMeasurement:
         str
             Without a line end.
         """
+        # errors in GTSAM's order and terms from g2o's, e = F e': turn = 2 vector part, shift as it is; the information is F^T I F
         from_g2o = np.zeros((6, 6))
         from_g2o[:3, 3:], from_g2o[3:, :3] = 2.0 * np.eye(3), np.eye(3)
         information = from_g2o.T @ self.information @ from_g2o
@@ -172,12 +173,15 @@ def measure_pose(
     if origin == "tape":
         covariance[5, 5] = inf  # that origin is where the axis meets the tape, however far the sensor is
     known = np.isfinite(covariance.diagonal())
+    # the limit of an infinite variance: no information, and none shared with the others
     of_state = np.zeros((6, 6))
     of_state[np.ix_(known, known)] = np.linalg.inv(covariance[np.ix_(known, known)])
     here, motion = _motion(surface, state[0])
     here[:3, 3] *= _MM_TO_M
+    # the error of the state is motion^-1 times that of the pose
     back = np.linalg.inv(motion)
     information = back.T @ of_state @ back
+    # rounding leaves it not quite symmetric, and solvers look at one half
     return PoseMeasurement(pose=base @ here, information=(information + information.T) / 2)
 
 
@@ -186,6 +190,8 @@ def _motion(surface: Surface, state: FloatArray) -> tuple[FloatArray, FloatArray
     here, motion = image_pose(surface, state), np.empty((6, 6))
     back = np.linalg.inv(here)
     for k, unit in enumerate(np.eye(6)):
+        # T^-1 dT is a small motion in the pose's own frame: a skew matrix of the turn, and the shift; halves of differences take
+        # rounding out
         rate = back @ (image_pose(surface, state + _STEP / 2 * unit) - image_pose(surface, state - _STEP / 2 * unit)) / _STEP
         motion[:3, k] = (rate[2, 1] - rate[1, 2]) / 2, (rate[0, 2] - rate[2, 0]) / 2, (rate[1, 0] - rate[0, 1]) / 2
         motion[3:, k] = rate[:3, 3] * _MM_TO_M
@@ -194,6 +200,8 @@ def _motion(surface: Surface, state: FloatArray) -> tuple[FloatArray, FloatArray
 
 def square_root(information: FloatArray) -> FloatArray:
     """R with RᵀR = information, also where that is singular, as Cholesky's is not; rows of zeros for what is unknown."""
+    # radians and metres have information of different size: scaled to a diagonal of ones, eigenvalues can be held against one
+    # limit
     scale = np.sqrt(information.diagonal())
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
