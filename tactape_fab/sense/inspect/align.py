@@ -72,7 +72,9 @@ def learn_template(channels: Samples, used: BoolArray) -> Template:
     channels (n, channels, m); used (m,)
     """
     value = np.median(channels, axis=0)
+    # of a normal scatter the median deviation is 0.6745 sigma
     sigma = 1.4826 * np.median(np.abs(channels - value), axis=0)
+    # a sample that hardly scatters would count for everything
     floor = _FLOOR * np.median(sigma[:, used])
     return Template(value=value.astype(np.float64), sigma=np.maximum(sigma, max(floor, 1e-3)).astype(np.float64), used=used)
 
@@ -93,28 +95,35 @@ def step(
     columns = _columns(template, grid, turns=turns)
     if nuisance is not None:
         columns = np.concatenate([columns, template.flat(nuisance.pictures)])
+    # divided by each sample's scatter, least squares is weighted least squares
     columns = (columns / sigma).astype(np.float32)
     rest = template.flat(channels - template.value.astype(np.float32)) / sigma.astype(np.float32)
     k = len(columns)
     correlated = 1.0
+    # products of all pairs of columns, so that a patch's weights times these are its normal matrix: one product for all patches
     pairs = (columns[:, None] * columns[None]).reshape(k * k, -1).T
     weight = np.ones_like(rest)
     for again in range(3 if robust else 1):
+        # in the first round all weights are 1, and all patches share one matrix
         normal = (weight @ pairs).astype(np.float64).reshape(n, k, k) if again else (columns @ columns.T).astype(np.float64)[None]
         prior = np.full(k, 1e-6)
         if nuisance is not None:
+            # samples count as independent in the normal matrix, which then says `correlated` times too much: so must the prior
             prior[-len(nuisance.sigma) :] = max(correlated, 4.0) / nuisance.sigma**2
         inverse = np.linalg.inv(normal + np.diag(prior))
         right = ((weight * rest if again else rest) @ columns.T).astype(np.float64)
         solved = (inverse @ right[..., None])[..., 0]
         left = rest - solved.astype(np.float32) @ columns
+        # every third sample is enough for a median
         spread = np.maximum(1.4826 * np.median(np.abs(left[:, ::3]), axis=1), 0.3)
         correlated = _correlated_samples(left, template, grid, count)
         if robust and again < 2:
+            # Tukey's biweight: (1 - (r / c)^2)^2, and 0 beyond c
             weight = np.square(np.maximum(1.0 - np.square(left / (_TUKEY * spread[:, None])), 0.0))
     variance = spread.astype(np.float64) ** 2 * correlated
     extra = 0 if nuisance is None else len(nuisance.sigma)
     posterior = np.median(variance[:, None] * np.diagonal(inverse, axis1=1, axis2=2), axis=0)
+    # estimates are drawn to 0 by the prior: their own scatter and what the fit leaves open add up to that of the parts
     strength = 1.4826 * np.median(np.abs(solved), axis=0)
     scatter = template.sigma.copy()
     scatter[:, template.used] = (1.4826 * np.median(np.abs(left[:: max(1, n // _MOST_PATCHES)]), axis=0) * sigma).reshape(
@@ -122,6 +131,7 @@ def step(
     )
     return Step(
         move=np.column_stack([solved[:, 0], solved[:, 1], solved[:, 2] if turns else np.zeros(n)]),
+        # the mean of both axes' variances
         sigma_mm=np.sqrt(variance * (inverse[:, 0, 0] + inverse[:, 1, 1]) / 2),
         misfit=np.sqrt(np.square(left).mean(axis=1, dtype=np.float64)),
         gain=1.0 + solved[:, 3 if turns else 2],
@@ -135,6 +145,7 @@ def _columns(template: Template, grid: PatchGrid, *, turns: bool) -> FloatArray:
     da, db = gradients(template.value, grid)
     rows = [-da, -db]
     if turns:
+        # a part turned by phi shows at (a, b) what the template has at (a + phi b, b - phi a)
         rows.append(da * grid.b_mm - db * grid.a_mm)
     rows.append(template.value - template.value[:, template.used].mean(axis=1, keepdims=True))
     for channel in range(len(da)):
@@ -161,4 +172,6 @@ def _correlated_samples(left: FloatArray, template: Template, grid: PatchGrid, c
         return 1.0
     along = float((z[..., 1:] * z[..., :-1])[..., used[:, 1:] & used[:, :-1]].mean()) / power
     across = float((z[..., 1:, :] * z[..., :-1, :])[..., used[1:] & used[:-1]].mean()) / power
+    # a sum over a chain of samples with the correlation r^k has (1 + r) / (1 - r) times the variance of independent ones, along
+    # each axis
     return float(np.prod([(1 + r) / (1 - r) for r in (min(max(along, 0.0), 0.9), min(max(across, 0.0), 0.9))]))

@@ -37,6 +37,7 @@ def find_blobs(picture: Picture, px_per_mm: float, width_mm: float) -> Blobs:
     differs, shrink = film_difference(picture, px_per_mm, COARSE_PX_PER_MM)
     per_mm = px_per_mm * shrink
     mask = np.minimum(differs, _LEVEL) / _LEVEL
+    # a part with its lands becomes one hill, whose top is its centre
     smooth = cv2.GaussianBlur(mask, (0, 0), 0.45 * width_mm * per_mm)
     reach = 2 * round(0.7 * width_mm * per_mm) + 1
     top = smooth >= cv2.dilate(smooth, np.ones((reach, reach), np.uint8))
@@ -51,6 +52,7 @@ def find_blobs(picture: Picture, px_per_mm: float, width_mm: float) -> Blobs:
         axis=1,
     )
     scale = np.array([picture.shape[1] / mask.shape[1], picture.shape[0] / mask.shape[0]])
+    # pixel centres of the smaller picture as those of the scan
     return Blobs(px=(px + 0.5) * scale - 0.5)
 
 
@@ -61,6 +63,7 @@ def film_difference(picture: Picture, px_per_mm: float, coarse_px_per_mm: float)
     small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
     half = min(1.0, COARSE_PX_PER_MM / (px_per_mm * shrink))
     coarse = cv2.resize(small, None, fx=half, fy=half, interpolation=cv2.INTER_AREA)
+    # an odd side, as medianBlur wants it; film changes slowly, so that a coarse picture has its colour
     side = 2 * round(_FILM_WINDOW_MM * px_per_mm * shrink * half / 2) + 1
     film = np.stack([cv2.medianBlur(np.ascontiguousarray(coarse[..., i]), side) for i in range(3)], axis=-1)
     if half < 1.0:

@@ -112,16 +112,20 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
     if usual.sum() < _LEAST_BODIES:
         return Bodies(shift_mm=start_mm, turn_deg=start.turn_deg, sigma_mm=start.sigma_mm, area=area, misfit=np.ones(n))
     length, width, _ = tape.part.body_mm
+    # hardly beyond the body, as lands do not move with it
     grid = patch_grid(length / 2 + _MARGIN_MM, width / 2 + _MARGIN_MM, max(warp.px_per_mm, _LEAST_PX_PER_MM))
     scene = _Scene(picture=picture, warp=warp, tape=tape, palette=palette, grid=grid)
     state, template, ends, misfit = _fitted(scene, sites_mm, start, usual)
+    # the template is turned as parts are on the median: turns count from there
     middle = float(np.median(state.turn_deg[usual]))
     poor = np.flatnonzero(usual & (state.misfit > _POOR))
     if len(poor):
         state = _all_turns(scene, sites_mm, state, start, poor, template, ends, misfit)
     covered = usual & (state.misfit > COVERED)
     state.shift_mm[covered], state.turn_deg[covered], state.sigma_mm[covered] = start_mm[covered], middle, _COVERED_SIGMA_MM
+    # parts were fitted to the template, whose own centre is somewhere beside that of its grid
     shift = state.shift_mm + _along(tape, state.turn_deg, *_centre(scene, sites_mm, state, usual, template))
+    # a box looks the same after half a turn
     turn = (state.turn_deg - middle + 90.0) % 180.0 - 90.0
     return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=state.sigma_mm, area=area, misfit=state.misfit)
 
@@ -132,6 +136,7 @@ def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
     Also the usual misfit, in units of which those of the state are. Parts whose place is empty stay as they are.
     """
     used = np.ones(scene.grid.count, dtype=bool)
+    # five kinds of difference for each of two ends, in the order of `_ends`
     strength = np.tile([_END_MM, _BRIGHTER, _BRIGHTER, _BRIGHTER, _BRIGHTER], 2)
     scatter: FloatArray | None = None
     there = np.flatnonzero(usual)
@@ -141,9 +146,11 @@ def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
         template = learn_template(scene.patches(sites_mm[some], fewer), used)
         if scatter is not None:
             template = replace(template, sigma=scatter)
+        # a robust step costs twice as much, and is worth it from near the place only
         for last in (False,) * (_STEPS - learning - 1) + (True,):
             ends = Nuisance(pictures=_ends(template, scene.grid, scene.tape), sigma=strength)
             fewer, fit = _moved(scene, sites_mm[some], fewer, template, ends, robust=last)
+            # only where the inner edges lie is learned; how much brighter ends may be does not matter (`_BRIGHTER`)
             strength[::5] = np.clip(fit.nuisance[::5], _LEAST_END_MM, 2 * _END_MM)
         scatter = fit.scatter
     state.put(some, fewer)
@@ -153,6 +160,7 @@ def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
         for last in (False, False, True):
             rest, _ = _moved(scene, sites_mm[others], rest, template, ends, robust=last)
         state.put(others, rest)
+    # in units of the usual part: glare makes all of them fit worse
     misfit = max(float(np.median(state.misfit[usual])), _LEAST_USUAL)
     return replace(state, misfit=state.misfit / misfit), template, ends, misfit
 
@@ -161,6 +169,7 @@ def _moved(
     scene: _Scene, sites_mm: FloatArray, state: _State, template: Template, ends: Nuisance, *, robust: bool
 ) -> tuple[_State, Step]:
     fit = step(scene.patches(sites_mm, state), template, scene.grid, turns=True, robust=robust, nuisance=ends)
+    # the expansion holds for small moves alone
     a, b = np.clip(fit.move[:, :2], -_MOST_STEP_MM, _MOST_STEP_MM).T
     shift = state.shift_mm + _along(scene.tape, state.turn_deg, a, b)
     turn = state.turn_deg + np.degrees(np.clip(fit.move[:, 2], -_MOST_STEP_RAD, _MOST_STEP_RAD))
@@ -206,6 +215,7 @@ def _all_turns(
     usual: float,
 ) -> _State:
     """Parts that do not look like the others are tried in all turns; the best fit stays."""
+    # turn by turn, all poor parts in each
     every = np.tile(poor, len(_TURNS_DEG))
     tried = replace(start.of(every), turn_deg=np.repeat(_TURNS_DEG, len(poor)))
     for _ in range(_STEPS):
@@ -213,6 +223,7 @@ def _all_turns(
     tried = replace(tried, misfit=tried.misfit / usual)
     first = tried.misfit.reshape(len(_TURNS_DEG), -1).argmin(axis=0) * len(poor) + np.arange(len(poor))
     better = tried.misfit[first] < state.misfit[poor]
+    # a copy: `put` writes into its arrays
     best = state.of(np.arange(len(state.misfit)))
     best.put(poor[better], tried.of(first[better]))
     return best
@@ -238,6 +249,7 @@ def _ends(template: Template, grid: PatchGrid, tape: Tape) -> FloatArray:
         inner = broad & (a > 0.08 * length) & (a < 0.42 * length)
         beyond, metal = _rise(a - length / 2), _rise(a - 0.28 * length) - _rise(a - length / 2)
         none = np.zeros(grid.count)
+        # channels are body-ness and brightness; an edge that lies elsewhere is the template's slope there
         out += [-da * inner, np.stack([none, metal]), np.stack([none, beyond]), np.stack([beyond, none])]
         out.append(np.stack([metal, none]))
     return np.stack(out)
@@ -251,12 +263,14 @@ def _rise(distance_mm: FloatArray) -> FloatArray:
 def _centroids(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shift of the centroid of body colour near each place, and its area in units of the usual one."""
     length = tape.part.body_mm[0]
+    # not as far as the nearest that a neighbour may be
     reach = min(0.75 * length, 0.45 * (tape.pitch_mm - 2 * tape.displacement_mm))
     grid = patch_grid(reach, reach, min(warp.px_per_mm, 30.0))
     body = palette.bodyness(sample(picture, warp, sites_mm, 0.0, grid))
     near = (np.hypot(grid.a_mm, grid.b_mm) < reach).astype(np.float32)
     body = np.where(body > 0.6, body, 0.0) * near
     mass = body.sum(axis=1, dtype=np.float64)
+    # missing parts have little of the colour, and must not lower what is usual
     usual = float(np.median(mass[mass > 0.3 * np.percentile(mass, 90)])) if mass.any() else 1.0
     safe = np.maximum(mass, 1e-6)
     centre = np.stack([body @ grid.a_mm, body @ grid.b_mm], axis=1) / safe[:, None]

@@ -43,6 +43,7 @@ class Palette:
     def unshaded_axis(self) -> npt.NDArray[np.float32] | None:
         """Mixture of channels that is 1 on bodies, 0 on film however dark; None where bodies have no colour of their own."""
         film = self.film / np.linalg.norm(self.film)
+        # the part of the body's colour that is across the film's: shaded film stays on its own axis, where this is 0
         own = self.body - (self.body @ film) * film
         return (own / (own @ own)).astype(np.float32) if np.linalg.norm(own) > _LEAST_OWN else None
 
@@ -63,6 +64,7 @@ def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -
     small = patch_grid(0.12 * length, 0.2 * width, warp.px_per_mm)
     axis = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
     ends = np.concatenate([sites + 0.55 * length * axis, sites - 0.55 * length * axis])
+    # nothing stands midway between four grid points
     between = texture_to_board((cells + 0.5) * tape.pitch_mm, tape.board.texture_origin_mm)
     seen = [sample(picture, warp, at, turn, small) for at in (sites, ends, between)]
     white = float((seen[1].min(axis=2) >= _WHITE).mean())
@@ -71,6 +73,7 @@ def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -
             f"it is over-exposed: {white:.0%} of the parts' metal is white, more than {MOST_WHITE:.0%}, so edges are not where "
             "they seem; scan darker, without automatic levels"
         )
+    # medians of a place, then of places: parts that are missing or covered do not count
     body, metal, film = (np.median(np.median(each, axis=1), axis=0).astype(np.float64) for each in seen)
     if np.abs(body - film).max() < LEAST_CONTRAST:
         raise SpecError(
@@ -86,11 +89,13 @@ def _rgb(colour: FloatArray) -> str:
 def _axis(body: FloatArray, metal: FloatArray, film: FloatArray) -> FloatArray:
     """Least squares with a little ridge: 1 on the body, 0 on film, film in shadow, metal and bright glare."""
     rows = np.array([body, film, _SHADE * film, metal, np.minimum(1.3 * metal, 255.0)]) / 255.0
+    # four unknowns and five colours that are nearly in one plane: without the ridge the mixture would be of huge opposite weights
     weight = np.array([4.0, 4.0, 1.0, 2.0, 1.0])[:, None]
     a = np.column_stack([rows, np.ones(len(rows))]) * weight
     want = np.array([1.0, 0.0, 0.0, 0.0, 0.0])[:, None] * weight
     ridge = np.diag([0.03, 0.03, 0.03, 0.0]) ** 2 * 10.0
     axis = np.linalg.solve(a.T @ a + ridge, a.T @ want)[:, 0]
     axis[:3] /= 255.0
+    # scaled so that film is 0 and the body 1 exactly
     low, high = (float(axis[:3] @ colour + axis[3]) for colour in (film, body))
     return np.append(axis[:3], axis[3] - low) / (high - low)

@@ -45,6 +45,7 @@ def fit_film(picture: Picture, warp: Warp, tape: Tape, palette: Palette, inside:
     inside (n,): Parts that the picture shows whole.
     """
     length, width, _ = tape.part.body_mm
+    # the body and its shadow are left out, so that a part beside its lands does not draw them
     grid = patch_grid(1.2 * length, 1.1 * width, _FILM_PX_PER_MM)
     beyond = (np.abs(grid.a_mm) > length / 2 + 0.07) | (np.abs(grid.b_mm) > width / 2 + 0.07)
     sites = tape.part_xy_mm()[inside]
@@ -76,6 +77,7 @@ def _lands(
         found = step(channels, replace(template, used=here), grid, turns=False)
         moved_mm = found.move[:, :2] @ axes.T  # the land lies here, seen from where the warp has it
         good = (found.gain > 0.3) & (np.abs(moved_mm).max(axis=1) < 0.15)
+        # where the samples that decide lie: the mean place along the part, weighted by the squares of the edges' steepness
         at = sites[good] + axes[:, 0] * np.average(grid.a_mm[here], weights=steep[here])
         yield at, _moved(warp, at, moved_mm[good])
 
@@ -94,6 +96,7 @@ def _moved(warp: Warp, board_mm: FloatArray, moved_mm: FloatArray) -> FloatArray
 
 def shifted(warp: Warp, offset_mm: FloatArray, axes: FloatArray) -> Warp:
     """The warp moved by an offset in the parts' axes."""
+    # columns are px per mm of board x and y
     linear = warp.coefficients[1:3].T / warp.half_mm
     coefficients = warp.coefficients.copy()
     coefficients[0] += linear @ (axes @ offset_mm)
@@ -104,9 +107,11 @@ def refined(warp: Warp, board_mm: FloatArray, seen_px: FloatArray) -> tuple[Warp
     """The polynomial, then shifts of lines and of columns, of points seen at pixels; also what is left, px, (n, 2)."""
     gate = 0.1 * warp.px_per_mm
     bare = replace(warp, lines=())
+    # polynomial first: what is smooth over the whole scan is no jitter of lines
     bare, _ = fitted(bare, board_mm, seen_px, gate_px=gate)
     lines: list[LineShift] = []
     left = seen_px - bare.smooth(board_mm)
+    # what depends on v, a shift of lines, and then columns, from what is left
     for axis in (1, 0):
         line = _line_shift(seen_px[:, axis], left, axis, _KNOT_MM * warp.px_per_mm)
         lines.append(line)
@@ -122,6 +127,7 @@ def _line_shift(at_px: FloatArray, left_px: FloatArray, axis: int, knot_px: floa
     before, share = empty.weights(at_px)
     n = len(at_px)
     rows = np.arange(n)
+    # linear interpolation: each land has two knots, with weights that add up to 1
     a = sparse.csr_array(
         (np.concatenate([1 - share, share]), (np.tile(rows, 2), np.concatenate([before, before + 1]))), (n, knots)
     )
@@ -139,6 +145,7 @@ def _line_shift(at_px: FloatArray, left_px: FloatArray, axis: int, knot_px: floa
             normal = (a.T @ w @ a + _SMOOTH * per_knot * (slope.T @ slope) + 1e-3 * per_knot * sparse.eye_array(knots)).tocsc()
             value[:, k] = spsolve(normal, a.T @ (weight[:, k] * left_px[:, k]))
         off = np.abs(left_px - a @ value) / scale
+        # lands off by several scatters hardly count, in either direction by itself
         weight = 1.0 / (1.0 + (off / 3.0) ** 2) ** 2
     return replace(empty, value_px=value)
 
@@ -152,6 +159,7 @@ def symmetry_offset(picture: FloatArray, grid: PatchGrid, mask: BoolArray) -> Fl
     centred = picture.reshape(grid.shape)
     offset = np.zeros(2)
     for _ in range(_CENTRINGS):
+        # rows are b, columns a
         at = shift(centred, -offset[::-1] / grid.step_mm, order=3, mode="nearest")
         offset = offset + _symmetry_step(at, grid, mask)
     return offset
@@ -166,10 +174,13 @@ def _symmetry_step(picture: FloatArray, grid: PatchGrid, mask: BoolArray) -> Flo
     db, da = np.gradient(picture, grid.step_mm)
     steep = (np.square(da) + np.square(db)) ** 1.5 * mask.reshape(grid.shape)
     turned = steep[::-1, ::-1]
+    # correlation with itself turned by half a turn: it is largest at twice the centre's offset, with rows and columns counted
+    # round
     both = np.fft.irfft2(np.fft.rfft2(steep) * np.conj(np.fft.rfft2(turned)), s=steep.shape)
     reach = max(2, int(0.08 / grid.step_mm))
     rows, cols = np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)
     near = both[np.ix_(rows % both.shape[0], cols % both.shape[1])]
+    # a neighbour on each side for the parabola
     i, j = (int(np.clip(k, 1, 2 * reach - 1)) for k in np.unravel_index(int(near.argmax()), near.shape))
     di, dj = _vertex(near[i - 1 : i + 2, j]), _vertex(near[i, j - 1 : j + 2])
     return np.array([cols[j] + dj, rows[i] + di]) * grid.step_mm / 2

@@ -35,6 +35,7 @@ def find_foreign(
     """
     cv2 = library("cv2", "inspecting a scan")
     differs, shrink = film_difference(picture, warp.px_per_mm, _PX_PER_MM)
+    # in proportion to the contrast of the scan, beyond the least that copper shows
     level = max(_LEAST_LEVEL, _SHARE * float(np.abs(palette.body - palette.film).max()))
     mask = (differs > level).astype(np.uint8) * _field(warp, tape, differs.shape, shrink, placed_mm, turn_deg)
     per_mm = warp.px_per_mm * shrink
@@ -59,6 +60,7 @@ def _field(warp: Warp, tape: Tape, shape: tuple[int, int], shrink: float, placed
         flat = warp.to_px(board_mm.reshape(-1, 2))
         return np.asarray(np.rint(((flat + 0.5) * shrink - 0.5) * 16).astype(np.int32).reshape(*board_mm.shape[:-1], 2))
 
+    # polygons in sixteenths of a pixel (shift = 4)
     out = np.zeros(shape, np.uint8)
     cv2.fillPoly(out, [px(corners)], 1, cv2.LINE_8, 4)
     body = np.array(tape.part.body_mm[:2])

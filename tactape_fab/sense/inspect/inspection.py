@@ -209,6 +209,7 @@ def _end_difference(picture: Picture, warp: Warp, tape: Tape, palette: Palette, 
     length, width, _ = tape.part.body_mm
     grid = patch_grid(1.1 * length, width, warp.px_per_mm)
     grey = palette.grey(sample(picture, warp, sites_mm, tape.part.rotation_deg, grid)).reshape(-1, *grid.shape)
+    # a place less itself turned by half a turn; one half of it says all
     apart = (grey - grey[:, ::-1, ::-1])[:, :, grid.shape[1] // 2 + 1 :]
     return np.asarray(apart.std(axis=(1, 2)), dtype=np.float64)
 
@@ -216,6 +217,7 @@ def _end_difference(picture: Picture, warp: Warp, tape: Tape, palette: Palette, 
 def _facts(view: View, warp: Warp, film_sigma_mm: float, growth: float | None) -> ScanFacts:
     linear = warp.coefficients[1:3].T / warp.half_mm  # px/mm, columns: board x, board y
     along = float(np.hypot(*linear[:, 0]))
+    # area over length: height of the pixel's parallelogram, with the shear taken out
     up = float(abs(np.linalg.det(linear))) / along
     shear = float(linear[:, 0] @ linear[:, 1]) / along**2
     jitter = np.concatenate([line.value_px.ravel() for line in warp.lines]) if warp.lines else np.zeros(1)
@@ -239,6 +241,7 @@ def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: flo
     for m in measured:
         at = np.flatnonzero(m.view.inside)
         present = m.bodies.area >= LEAST_AREA
+        # a scan's own drift is in all of its parts, so that a second scan counts even where the first is sharp
         sigma = np.hypot(m.bodies.sigma_mm, DRIFT_MM)
         w = np.where(present, 1.0 / sigma**2, 0.0)
         weight[at] += w
@@ -268,6 +271,7 @@ def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: flo
 def _distinct(foreign_mm: FloatArray) -> FloatArray:
     """Objects, each once where several scans show it."""
     kept: list[FloatArray] = []
+    # the largest view of an object stays
     for entry in foreign_mm[np.argsort(-foreign_mm[:, 2])] if len(foreign_mm) else []:
         if all(np.hypot(*(entry - other)[:2]) > max(entry[2], other[2]) for other in kept):
             kept.append(entry)

@@ -71,6 +71,8 @@ def warp_of_tag(tape: Tape, tag: SeenTag) -> Warp:
     flat = (corners - corners.mean(axis=0)) * (1.0, -1.0)
     seen = tag.corners_px - tag.corners_px.mean(axis=0)
     a, b = flat[:, 0] + 1j * flat[:, 1], seen[:, 0] + 1j * seen[:, 1]
+    # least squares of b = turn a over complex numbers: scale and angle in one; board y is up and v down, hence the conjugate in
+    # `flat`
     turn = complex(np.vdot(a, b) / np.vdot(a, a))
     linear = np.array([(turn.real, turn.imag), (turn.imag, -turn.real)])
     return affine_warp(linear, tag.corners_px.mean(axis=0) - linear @ corners.mean(axis=0), *_frame(tape))
@@ -114,6 +116,7 @@ def read_code(blobs: Blobs, px_per_mm: float, tapes: Sequence[Tape], *, plane: b
             return None
     else:
         localizer = Localizer(tapes, view)
+    # the decoder's constants are for a sensor's resolution
     finer = _VIEW_PX_PER_MM / px_per_mm
     for middle in _middles(blobs.px, px_per_mm):
         dots = (blobs.px - middle) * finer + view.centre_px
@@ -127,6 +130,7 @@ def read_code(blobs: Blobs, px_per_mm: float, tapes: Sequence[Tape], *, plane: b
             return ReadByCode(tape=None, sector=fix.sector, near_mm=middle, warp=None)
         tape = next(t for t in tapes if t.name == fix.tape)
         c, s = np.cos(np.radians(fix.theta_deg or 0.0)), np.sin(np.radians(fix.theta_deg or 0.0))
+        # T - S = R(theta) q / px_per_mm, solved for pixels q
         to_px = np.linalg.inv(np.array([(c, s), (-s, c)])) * (fix.px_per_mm or _VIEW_PX_PER_MM) / finer  # texture to scan
         linear = to_px @ np.diag([1.0, -1.0])
         board = texture_to_board(fix.position_mm or (0.0, 0.0), tape.board.texture_origin_mm)
@@ -140,6 +144,7 @@ def _middles(px: FloatArray, px_per_mm: float) -> FloatArray:
     """Places to decode at: in the middle of the parts, then around it."""
     low, high = np.percentile(px, (5, 95), axis=0)
     shares = np.array([(0.5, 0.5), (0.25, 0.5), (0.75, 0.5), (0.5, 0.2), (0.5, 0.8), (0.15, 0.2), (0.85, 0.8)])
+    # percentiles, as a speck far from the tape would draw the middle away
     wanted = low + shares * (high - low)
     return np.asarray(px[cKDTree(px).query(wanted)[1]] + 0.3 * px_per_mm, dtype=np.float64)
 
@@ -172,6 +177,7 @@ def grow(warp: Warp, near_mm: FloatArray, tape: Tape, blobs: Blobs, shape: tuple
             matched = far < gate
             if matched.sum() < 12:
                 return None
+            # higher powers only where there are parts enough, and far enough apart, to tell them
             order = 3 if reach > 60 and matched.sum() > 200 else 2 if reach > 25 and matched.sum() > 100 else 1
             warp, _ = fitted(warp.raised(order), sites[chosen][matched], blobs.px[which[matched]], gate_px=gate)
         if reach > away.max():
@@ -179,6 +185,7 @@ def grow(warp: Warp, near_mm: FloatArray, tape: Tape, blobs: Blobs, shape: tuple
         reach *= _GROWTH
     inside = within(warp.smooth(sites), shape)
     far, _ = tree.query(warp.smooth(sites[inside]))
+    # a smaller displacement has wrong symbols nearer
     near = far < _NEAR_MM * min(1.0, tape.displacement_mm / 0.25) * warp.px_per_mm
     return Grown(warp=warp, inside=inside, agreeing=float(near.mean()) if len(near) else 0.0)
 

@@ -46,11 +46,13 @@ def without_parallax(bodies: Bodies, sites_mm: FloatArray, good: BoolArray) -> t
         middle, mean = (np.average(values, axis=0, weights=weight) for values in (at, shift))
         arm = at - middle
         square = float(weight @ (arm**2).sum(axis=1))
+        # least squares of shift - mean = growth arm, both axes together
         growth = float(weight @ (arm * (shift - mean)).sum(axis=1)) / square
         left = shift - mean - growth * arm
         scatter = max(1.4826 * float(np.median(np.abs(left))), 1e-6)
         weight = 1.0 / (1.0 + ((left / (3.0 * scatter)) ** 2).sum(axis=1))
     arm = sites_mm - middle
+    # variance of the mean and of the growth times the arm, along one axis: arm^2 of both axes is halved
     own = scatter**2 * (1.0 / len(at) + (arm**2).sum(axis=1) / (2.0 * square))
     moved = bodies.shift_mm - mean - growth * arm
     return replace(bodies, shift_mm=moved, sigma_mm=np.sqrt(bodies.sigma_mm**2 + own)), growth

@@ -54,16 +54,19 @@ def sample(picture: Picture, warp: Warp, centre_mm: FloatArray, turn_deg: npt.Ar
     n = len(centre_mm)
     turn = np.broadcast_to(np.radians(np.asarray(turn_deg, dtype=np.float64)), (n,))
     c, s = np.cos(turn), np.sin(turn)
+    # a warp hardly bends within a patch: its linear part there serves all points
     along = warp.jacobian(centre_mm) @ np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # (n, 2, 2)
     steps = np.concatenate([along, warp.smooth(centre_mm)[..., None]], axis=2).astype(np.float32)
     points = np.stack([grid.a_mm, grid.b_mm, np.ones(grid.count)]).astype(np.float32)
     shifts = [(line.axis, line.of_pixels(picture.shape[1 - line.axis]).T.copy()) for line in warp.lines]
     out = np.empty((n, grid.count, 3), dtype=np.float32)
+    # so many patches at a time, one below the other
     rows = max(1, _MOST_ROWS // grid.shape[0])
     for start in range(0, n, rows):
         chunk = slice(start, min(start + rows, n))
         px = [steps[chunk, k] @ points for k in range(2)]
         for axis, of_pixels in shifts:
+            # the line that a sample lies in, and then its shift: see `LineShift.of_pixels`
             nearest = np.rint(px[axis]).astype(np.int32)
             px = [px[k] + of_pixels[k].take(nearest, mode="clip") for k in range(2)]
         u, v = (side.reshape(-1, grid.shape[1]) for side in px)

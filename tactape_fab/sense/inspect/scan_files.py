@@ -128,10 +128,12 @@ def _png(data: bytes) -> ScanHeader:
         raise SpecError(f"it ends in its header; {_REMEDY}")
     dpi = None
     at = 33
+    # a chunk is its length, type, data, and a CRC of four bytes
     for _ in range(_MOST_CHUNKS):
         length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
         if kind in (b"IDAT", b"") or at >= len(data):
             break
+        # pixels per unit along x, along y, and the unit, 1 for the metre
         if kind == b"pHYs" and data[at + 16 : at + 17] == b"\x01":
             dpi = _plausible(int.from_bytes(data[at + 8 : at + 12], "big") * MM_PER_INCH / 1000)
         at += length + 12
@@ -159,6 +161,7 @@ def _quality(table: bytes, *, wide: bool) -> float | None:
     if wide or len(table) < 64:
         return None
     ratio = sum(table[: len(_LUMINANCE_50)]) / sum(_LUMINANCE_50)
+    # libjpeg scales its table by 50 / Q below 50, and by 2 - Q / 50 above (jpeg_quality_scaling, in per cent)
     return 100 - 50 * ratio if ratio < 1 else 50 / ratio
 
 

@@ -73,6 +73,7 @@ def views_of(path: str | Path, wanted: Sequence[WantedTape], dpi: float | None) 
 
 
 def _views(picture: Picture, name: str, wanted: Sequence[WantedTape], dpi: float | None) -> list[View]:
+    # a forty-ninth of the pixels is enough to see that there is nothing
     if float(picture[::7, ::7].std(axis=(0, 1)).max()) < _LEAST_SPREAD:
         raise SpecError("it is empty: all of one colour; scan the tape with its parts toward the glass")
     blocks = blockiness(picture)
@@ -108,9 +109,11 @@ def blockiness(picture: Picture) -> float:
     h, w = picture.shape[:2]
     green = picture[max(0, h // 2 - 1000) : h // 2 + 1000, max(0, w // 2 - 1000) : w // 2 + 1000, 1].astype(np.float32)
     for grey in (green, green.T):
+        # second differences: a slope has none, a step at the border of two blocks has
         bend = np.abs(np.diff(grey, 2, axis=1)).mean(axis=0)
         if len(bend) < 16:
             continue
+        # which of the eight phases has the borders depends on how the picture was cut
         phases = bend[: len(bend) // 8 * 8].reshape(-1, 8).mean(axis=0)
         worst = max(worst, float((phases / np.maximum((phases.sum() - phases) / 7, 1e-6)).max()))
     return worst
@@ -135,6 +138,7 @@ def _tag_seeds(tags: Sequence[SeenTag], wanted: Sequence[WantedTape]) -> list[_S
     ]
     if len({s.number for s in seeds}) == len(seeds) or any(w.offset_mm is None for w in wanted):
         return list({s.number: s for s in seeds}.values())
+    # where each seed has the panel's origin, mm of the picture: tags of one panel agree on it
     origins = np.array([s.warp.smooth(-np.asarray(wanted[s.number].offset_mm)[None])[0] / s.warp.px_per_mm for s in seeds])
     near = np.hypot(*(origins[:, None] - origins[None]).transpose(2, 0, 1)) < _SAME_PANEL_MM
     best = int(near.sum(axis=1).argmax())
@@ -188,6 +192,7 @@ def _neighbours(view: View, wanted: Sequence[WantedTape], known: dict[int, View]
         return []
     seeds = []
     sites = here.tape.part_xy_mm()[view.inside]
+    # powers of a polynomial run away outside their own tape: only the affine part is carried on
     straight = np.linalg.lstsq(np.column_stack([sites, np.ones(len(sites))]), view.warp.smooth(sites), rcond=None)[0]
     for i, entry in enumerate(wanted):
         if i in known or entry.offset_mm is None:

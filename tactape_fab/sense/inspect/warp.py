@@ -27,6 +27,7 @@ class LineShift:
 
     def weights(self, at_px: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """The knot before each coordinate, and the share of the next."""
+        # just below the last knot, so that there is always a next one; beyond the ends the shift stays
         t = np.clip((at_px - self.start_px) / self.step_px, 0.0, len(self.value_px) - 1.000001)
         knot = t.astype(np.int64)
         return knot, t - knot
@@ -86,6 +87,8 @@ class Warp:
         linear = self.coefficients[1:3].T / self.half_mm
         at: FloatArray = (want - self.coefficients[0]) @ np.linalg.inv(linear).T + self.middle_mm
         for _ in range(_STEPS if self.order > 1 or self.lines else 0):
+            # the jacobian is that of the smooth part: line shifts are small and slow beside it, and the steps converge all the
+            # same
             at = at + np.linalg.solve(self.jacobian(at), (want - self.to_px(at))[..., None])[..., 0]
         return np.asarray(at, dtype=np.float64)
 
@@ -126,6 +129,8 @@ def fitted(warp: Warp, board_mm: FloatArray, px: FloatArray, *, gate_px: float, 
         weighted = (a * weight[:, None]).T  # normal equations: powers of dimensionless points are well conditioned
         coefficients = np.asarray(np.linalg.lstsq(weighted @ a, weighted @ px, rcond=None)[0], dtype=np.float64)
         away = np.hypot(*(px - a @ coefficients).T)
+        # a perfect fit has the median 0, and would leave out all but the nearest points
         scale = max(1.5 * float(np.median(away)), 0.02 * gate_px)
+        # Cauchy's weights
         weight = 1.0 / (1.0 + (away / scale) ** 2)
     return replace(warp, coefficients=coefficients), away
