@@ -127,6 +127,7 @@ class SensorProfile:
         ndarray of float32, shape (height_px, width_px)
             A view of the frame where `sign` is 1.
         """
+        # the order is part of the profile's meaning: sign, mirror, quarter turns
         signed = frame if self.sign > 0 else -frame
         upright = signed[:, ::-1] if self.mirror else signed
         return np.rot90(upright, self.rotate90) if self.rotate90 else upright
@@ -152,6 +153,7 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
         Every problem found in it, in its mask as well.
     """
     table = profile_table("sensors", key, str(name))
+    # a mask's path is relative to the profile that names it
     folder = Path(name).parent if str(name).endswith(".toml") else templates_folder() / "sensors"
     table.refuse_unknown(("name", "title", "image", "orientation", "depth", "noise", "geometry", "gel"))
     image = table.table("image", ("width_px", "height_px", "px_per_mm", "scale_tolerance", "mask"))
@@ -164,6 +166,7 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
     width_px = image.integer("width_px", low=16, high=MOST_PX, default=16)
     height_px = image.integer("height_px", low=16, high=MOST_PX, default=16)
     scale = image.numbers("px_per_mm", 2, low=1.0, high=1000.0, unit="px/mm")
+    # True is 1 in Python, and would pass
     if isinstance(orientation.values.get("sign"), bool) or orientation.values.get("sign") not in (1, -1):
         orientation.problem("sign", f"sign = {shown(orientation.values.get('sign'))} is neither 1 nor -1; give one of them")
     rotate90 = orientation.integer("rotate90", low=0, high=3)
@@ -299,6 +302,7 @@ def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool
     mask = None
     if value == "ellipse":
         v, u = np.ogrid[: shape[0], : shape[1]]
+        # pixel centres in units of half the sides, -1 to 1 between the image's edges
         mask = ((2 * u + 1) / shape[1] - 1) ** 2 + ((2 * v + 1) / shape[0] - 1) ** 2 <= 1.0
     elif isinstance(value, str) and value.lower().endswith(".png"):
         frame_shape = shape[::-1] if rotate90 % 2 else shape
@@ -306,6 +310,7 @@ def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool
         if grey is None:
             return None
         valid = grey >= _VALID_GREY
+        # a PNG is drawn on frames as they are delivered; the profile's mask is of the canonical image
         mask = np.ascontiguousarray(np.rot90(valid[:, ::-1] if mirror else valid, rotate90))
     elif isinstance(value, str):
         image.problem("mask", f'mask = {shown(value)} is no mask; give "ellipse", a border in px, or the path of a .png')

@@ -110,6 +110,7 @@ def error_of(answer: Answer, truth: Truth) -> FloatArray | None:
     if answer.tape != truth.tape and not (answer.tape is None and answer.sector == truth.sector):
         return None
     assert truth.position_mm is not None and truth.theta_deg is not None
+    # wrapped to half a turn
     turn = (answer.theta_deg - truth.theta_deg + 180.0) % 360.0 - 180.0
     return np.array([*(np.asarray(answer.position_mm) - truth.position_mm), radians(turn)])
 
@@ -124,6 +125,7 @@ def _row(frames: Iterable[int], answers: Mapping[int, Answer], truth: Sequence[T
     located = [(answers[k], error_of(answers[k], truth[k])) for k in frames if answers.get(k, nothing).located]
     right = [(answer, error) for answer, error in located if error is not None and is_right(error)]
     errors = np.array([error for _, error in right]).reshape(-1, 3)
+    # normalised squared error: chi-squared of three degrees of freedom, whose mean is 3, where the covariance is true
     squares = [error @ np.linalg.solve(a.covariance, error) / 3 for a, error in right if a.covariance is not None]
     stated = [answer.p_false for answer, _ in located if answer.p_false is not None]
     times = [answers[k].elapsed_ms for k in frames if k in answers and answers[k].elapsed_ms is not None]

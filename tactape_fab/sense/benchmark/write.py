@@ -108,10 +108,12 @@ def sensor_text() -> str:
 def _frames(path: Path, names: Sequence[str], count: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """Write the frames of all conditions, shuffled; their truth, in the order of the file."""
     total = count * len(names)
+    # a stream of its own (9), so that the order changes no frame
     places = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(9,)))).permutation(total)
     stack = np.lib.format.open_memmap(path, mode="w+", dtype="<i2", shape=(total, *load_sensor(_SENSOR_NAME).frame_shape))
     truth: list[dict[str, Any]] = [{}] * total
     for k, (name, sector, frame) in enumerate(_drawn(names, count, seed)):
+        # 16 bits of 2^-11 mm reach 16 mm either way
         counts = np.rint(frame.depth.astype(np.float64) / UNIT_MM)
         stack[places[k]] = np.clip(counts, -(2**15), 2**15 - 1).astype("<i2")
         told = name not in BARE_NAMES
@@ -132,6 +134,7 @@ def _frames(path: Path, names: Sequence[str], count: int, seed: int, progress: P
 def _drawn(names: Sequence[str], count: int, seed: int) -> Iterator[tuple[str, int, Frame]]:
     """Condition, sector and frame; the tapes are touched in turn, and a condition's frames do not depend on the others."""
     for name in names:
+        # by the place in the whole list, whatever conditions are asked for
         own = (seed + 1000 * list(CONDITIONS).index(name)) % 2**63
         sectors = [FOREIGN] if name in FOREIGN_NAMES else REGISTERED
         each = -(-count // len(sectors))

@@ -140,6 +140,7 @@ def _pose(row: Mapping[str, str], whole: bool, frames: int | None) -> tuple[list
     if faults:
         return faults, None
     matrix = np.eye(4)
+    # rounded quaternions are not quite of length 1; a matrix of one would be no rotation
     matrix[:3, :3], matrix[:3, 3] = rotation(turn / length), [values[name] for name in COLUMNS[1:4]]
     return [], ArmPose(frame=int(frame), flange_to_base=matrix, sigma_mm=values["sigma_mm"], sigma_deg=values["sigma_deg"])
 
@@ -148,6 +149,7 @@ def rotation(quaternion: FloatArray) -> FloatArray:
     """Rotation matrix of a unit quaternion qw, qx, qy, qz; the robot's half has no scipy."""
     w, v = float(quaternion[0]), np.asarray(quaternion[1:], dtype=np.float64)
     across = np.array([(0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0)])
+    # R x = (w^2 - v.v) x + 2 (v.x) v + 2 w v x x, with `across` the matrix of the cross product
     out: FloatArray = (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * across
     return out
 

@@ -77,6 +77,7 @@ class FrameFile:
                 yield read_picture(self.path)
                 return
             with _opened(self.path) as (stream, header):
+                # column by column a frame's values are spread over the whole file: the stack is read at once
                 if header.fortran:
                     yield from _read(stream, header).reshape(self.count, *self.frame_shape)
                     return
@@ -88,6 +89,7 @@ class FrameFile:
         """Timestamp of a frame, s; None without timestamps."""
         if self.timestamp is None or not isfinite(self.timestamp[frame]):
             return None
+        # a float holds whole numbers up to 2^53 exactly; time in ns since 1970 is beyond
         stamp: int | float = self.timestamp[frame].item()
         return float(stamp) if abs(stamp) <= 2**53 else stamp
 
@@ -188,6 +190,7 @@ def read_array_header(stream: IO[bytes], name: str = "depth") -> ArrayHeader:
             warnings.simplefilter("ignore")
             version = np.lib.format.read_magic(stream)
             # numpy reads a header of any announced length, up to 4 GB, before it looks at it
+            # NPY format: two bytes for the header's length in version 1.0, four from 2.0 on, the lowest first
             width = 2 if version == (1, 0) else 4
             announced = stream.read(width)
             length = int.from_bytes(announced, "little")
@@ -204,6 +207,7 @@ def read_array_header(stream: IO[bytes], name: str = "depth") -> ArrayHeader:
         raise SpecError(f"it {held}; {_REMEDY}" if name == "depth" else f"{name} {held}; {_REMEDIES[name]}")
     if any(n < 0 for n in shape):
         raise ValueError(f"its shape is {shape}")
+    # both orders are one for a single axis
     return ArrayHeader(shape=shape, fortran=fortran and len(shape) > 1, dtype=dtype)
 
 
@@ -242,6 +246,7 @@ def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> np
 
 
 def _scale(values: npt.NDArray[Any]) -> tuple[float, float]:
+    # one number is that of both axes
     u, v = (float(x) for x in np.broadcast_to(values, 2))
     if not (1.0 <= u <= 1000.0 and 1.0 <= v <= 1000.0):
         raise SpecError(f"px_per_mm = {shown(values.tolist())} is not from 1 to 1000 px/mm; correct it or leave it out")

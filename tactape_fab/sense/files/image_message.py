@@ -35,6 +35,7 @@ class Image:
 
 def image_of(cdr: bytes) -> Image:
     """The message in plain CDR (OMG DDSI-RTPS 2.5, 10). Raises FrameError when the bytes are no such message."""
+    # encapsulation: CDR_LE or CDR_BE, then two bytes of options; alignment counts from behind these four bytes
     order = {b"\x00\x01": "<", b"\x00\x00": ">"}.get(cdr[:2])
     at = 4
 
@@ -51,6 +52,7 @@ def image_of(cdr: bytes) -> Image:
         length = number("I")
         if not 1 <= length <= len(cdr) - at:
             raise ValueError("a text in it is longer than the message")
+        # a string's length counts its final zero byte
         found = bytes(cdr[at : at + length - 1]).decode()
         at += length
         return found
@@ -103,4 +105,5 @@ def _rows(image: Any, pixel_bytes: int) -> npt.NDArray[np.uint8]:
     row = image.width * pixel_bytes
     if image.step < row or data.size < image.height * image.step or image.height * row == 0:
         raise FrameError(f"{data.size} bytes are no {image.width} x {image.height} image of rows of {image.step} bytes")
+    # rows may be padded to `step` bytes
     return data[: image.height * image.step].reshape(image.height, image.step)[:, :row]

@@ -206,6 +206,7 @@ def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_lo
     locator: As `make_locator`; called once for each scale that the files name.
     Raises SpecError, FrameError if a file ends early, or a frame is invalid.
     """
+    # a locator is compiled and prepared for one profile; files of one scale share it
     locators: dict[tuple[tuple[float, float], bool], Locate] = {}
     frame = 0
     for file in job.files:

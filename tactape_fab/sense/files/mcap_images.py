@@ -84,6 +84,7 @@ def _records(file: Path) -> Iterator[tuple[str, Any]]:
 def _unpacked(chunk: Any) -> Any:
     """A chunk whose data are not packed any more: mcap unpacks to whatever size the packed data say."""
     if chunk.compression == "zstd":
+        # one byte more than is allowed tells that there is more, without unpacking it
         unpacker = library("zstandard", "reading a compressed MCAP file").ZstdDecompressor().stream_reader(chunk.data)
         chunk.data = unpacker.read(MOST_CHUNK_BYTES + 1)
     elif chunk.compression == "lz4":

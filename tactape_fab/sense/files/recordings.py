@@ -100,6 +100,7 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
     opened = open_bag if path.suffix.lower() in (MCAP, *OTHER_BAGS) or (path / BAG).is_file() else open_dataset
     topic, ours, read = _named(path, partial(opened, path, topic, colour))
     stamps, shape = list[float](), (0, 0)
+    # images are counted, and none is kept: the index of a log that was cut off is missing
     for stamp, image in _refused(path, read):
         shape = shape if stamps else image.shape[:2]
         stamps.append(float("nan") if stamp is None else stamp)

@@ -159,6 +159,7 @@ def _scene(options: Mapping[str, Any]) -> Scene:
         return _elastic_scene(options)
     model.problems += [_only_elastic(name) for name in options if name in _ELASTIC_KEYS and chosen]
     values = {_SCENE_KEYS[name]: value for name, value in options.items() if name in _SCENE_KEYS}
+    # a wrapped tape touches along a strip
     if "cylinder" in options:
         values["contact"] = "strip"
         if "contact" in options:
@@ -285,11 +286,13 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
     try:
         with zipfile.ZipFile(partial_path, "w", zipfile.ZIP_DEFLATED) as archive:
             poses = np.empty((count, 3))
+            # the size is not known before the last frame: zip64 is chosen ahead, or a file of 2 GB could not be finished
             with archive.open(_entry("depth"), "w", force_zip64=True) as stream:
                 _write_header(stream, (count, *sensor.frame_shape), np.dtype("<f4"))
                 for k, frame in enumerate(frames):
                     stream.write(np.ascontiguousarray(frame.depth, dtype="<f4").tobytes())
                     poses[k] = (*frame.position_mm, frame.theta_deg)
+            # sorted keys and a fixed date of the zip's entries: equal input gives equal bytes
             text = np.array(json.dumps(record, sort_keys=True, ensure_ascii=True))
             others = {
                 "position_mm": poses[:, :2],

@@ -86,6 +86,7 @@ def _camera(path: Path) -> Any:
     cv2 = library("cv2", "reading a camera")
 
     capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
+    # older images in a queue would be located first
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     return capture
 
@@ -135,6 +136,7 @@ def _taken_s(capture: Any, clock: Callable[[], float]) -> float:
     """
     cv2 = library("cv2", "reading a camera")
 
+    # from one clock to the other by the image's age; no plausible age, no such clock
     now_s, age_s = clock(), monotonic() - capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
     return now_s - age_s if 0.0 <= age_s < _OLDEST_S else now_s
 

@@ -38,6 +38,7 @@ def _align(body: bytearray, size: int) -> None:
 
 
 def _string(body: bytearray, text: str) -> None:
+    # length with the final zero byte, the bytes, the zero
     data = text.encode()
     _align(body, 4)
     body += struct.pack("<I", len(data) + 1) + data + b"\x00"
@@ -54,6 +55,7 @@ def _pose(message: Mapping[str, Any]) -> bytes:
     position, orientation = message["pose"]["pose"]["position"], message["pose"]["pose"]["orientation"]
     values = [*(position[k] for k in "xyz"), *(orientation[k] for k in "xyzw"), *message["pose"]["covariance"]]
     _align(body, 8)
+    # 3 of the position, 4 of the quaternion, 36 of the covariance, row by row
     body += struct.pack("<43d", *values)
     return _LITTLE_ENDIAN + bytes(body)
 

@@ -23,6 +23,7 @@ class Latencies:
         self._bins: npt.NDArray[np.int64] = np.zeros(_BINS_A_DECADE * _DECADES, dtype=np.int64)
 
     def add(self, ms: float) -> None:
+        # a bin is a factor of 10^(1/200) wide
         place = int(np.log10(max(ms, _LEAST_MS) / _LEAST_MS) * _BINS_A_DECADE)
         self._bins[min(place, len(self._bins) - 1)] += 1
         self.count += 1
@@ -88,4 +89,5 @@ class Tally:
     @property
     def overall_hz(self) -> float:
         span_s = self._last_s - self._first_s
+        # n answers have n - 1 gaps between them
         return (self.answered - 1) / span_s if span_s > 0 else 0.0

@@ -76,9 +76,11 @@ def _watched(
     while not stop.is_set():
         now_s, changed_ns = perf_counter(), _changed_ns(folder)
         looking_s, looked_s = thread_time(), 0.0
+        # a folder's time has its file system's grain: what comes within one tick of it does not change it again
         if changed_ns != listed_ns or time() - changed_ns / 1e9 < _TICK_S or now_s - listed_s > _LIST_S:
             listed_ns, listed_s = changed_ns, now_s
             names = _names(folder, suffixes)
+            # a name that is gone and comes again is another file
             taken &= names
             for name in names - taken - waiting.keys():
                 waiting[name] = _Waiting(keep=keep or start)
@@ -86,6 +88,7 @@ def _watched(
             for name in waiting.keys() - names:
                 del waiting[name]
             start, looked_s = False, thread_time() - looking_s
+        # frame_2 before frame_10
         for name in sorted(waiting, key=lambda name: (by_number(name), name)):
             file = waiting[name]
             for found in _tried(folder / name, file, colour, number):
@@ -128,6 +131,7 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
         return
     seen, now_s = (status.st_size, status.st_mtime_ns), perf_counter()
     settled = path.suffix.lower() not in (".tif", ".tiff") or time() - status.st_mtime > _SETTLED_S
+    # neither size nor time has changed: another try would end as the last one did
     if seen == file.seen:
         if not file.said and now_s - file.since_s > PATIENCE_S:
             file.said = True
@@ -140,6 +144,7 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
     before = file.taken
     try:
         for k, (image, timestamp, px_per_mm) in enumerate(_read(path, colour)):
+            # a file that grew was read before to this frame
             if k < before:
                 continue
             stamp = status.st_mtime if timestamp is None else timestamp

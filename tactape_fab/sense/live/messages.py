@@ -45,6 +45,7 @@ def stamp_ns(timestamp: float | None) -> int | None:
     """Capture time in seconds as whole nanoseconds; None where it is none that a ROS 2 time can hold (0 to 2³¹ s)."""
     if timestamp is None or not isfinite(timestamp) or not 0.0 <= timestamp < _LAST_S:
         return None
+    # a float of seconds since 1970 holds 0.24 us: the last digits of the ns are not the clock's
     return round(timestamp * _NS)
 
 
@@ -76,6 +77,7 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
     refuse_no_answer(fix)
     if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
         return None
+    # texture y is down, board y is up
     x_mm, y_mm = fix.board_mm or (fix.position_mm[0], -fix.position_mm[1])
     half = radians(fix.theta_deg) / 2
     return {
@@ -165,6 +167,7 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     refuse_other(sensor, SensorProfile, "sensor", "SensorProfile", "load_sensor(NAME)")
     with np.errstate(over="ignore", invalid="ignore"):
         values = as_numbers(depth, (None, None), "depth", "a depth map (h, w)", finite=False)
+        # a profile without a unit leaves values as they are: 1000 mm in a unit, times mm to m, is 1
         metres = values.astype(np.float32) * np.float32((sensor.depth_unit_mm or 1000.0) * _MM_TO_M)
     image = np.ascontiguousarray(sensor.canonical(metres), dtype="<f4")
     height, width = image.shape

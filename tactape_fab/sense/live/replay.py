@@ -50,6 +50,7 @@ def refuse_no_seconds(file: FrameFile) -> None:
     if file.timestamp is None:
         return
     at = np.flatnonzero(np.isfinite(file.timestamp))
+    # a replay does not wait for a stamp before one that it has reached
     stamps = np.maximum.accumulate(file.timestamp[at].astype(np.float64))
     gaps = np.diff(stamps)
     said = None
@@ -74,6 +75,7 @@ def _replayed(file: FrameFile, rate_hz: float | None, keep: bool, stop: Event) -
             if by_file:
                 first = stamp if first is None else first
                 due_s = 0.0 if stamp is None or first is None else stamp - first
+            # counted from the start, so that delays do not add up
             wait_s = max(0.0, start + due_s - perf_counter())
             if wait_s > LONG_GAP_S and not said:
                 said = True

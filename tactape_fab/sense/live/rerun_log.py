@@ -144,6 +144,7 @@ class RerunLog:
         parts = view.to_px(self._parts[tape.name])
         seen = parts[np.abs(parts - located.sensor.centre_px).max(axis=1) < max(image.shape)]
         apart = np.hypot(*(dots[:, None, :] - seen[None, :, :]).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
+        # nearer to a part than to the next symbol's place, which is W sqrt(2) / 6 away at the usual displacement
         agrees = apart < view.px_per_mm[0] * tape.pitch_mm / 10
         colours = np.where(agrees[:, None], _AGREEING, _OTHER).astype(np.uint8)
         self._log("sensor/dots", rr.Points2D(dots + _CORNER, colors=colours, radii=rr.Radius.ui_points(4.0)))

@@ -150,6 +150,7 @@ class _Served:
         except FrameError as error:
             self._queue.put(Trouble(kind="image unusable", message=f"frame {number}: {error}"))
             return
+        # whole ns beside the frame: its float of seconds would not give them back
         self._stamps[number] = stamp
         self._queue.put(Frame(number=number, image=depth, timestamp=stamp / _NS))
 
@@ -176,6 +177,7 @@ class _Served:
 
     def _publish(self, located: Located) -> None:
         stamp = self._stamps[located.frame]
+        # frames that were dropped get no answer; their stamps go with the next one's
         for number in [number for number in list(self._stamps) if number <= located.frame]:
             del self._stamps[number]
         self._send(self._answers, self._ros.text, text_message(located.frame, located.fix))

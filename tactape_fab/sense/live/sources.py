@@ -65,6 +65,7 @@ class Slot:
     def put(self, frame: Frame, stop: Event) -> None:
         """Leave a frame; one that is to be kept waits until the one before it is taken, or `stop` is set."""
         with self._changed:
+            # a frame that is to be kept neither takes a place nor gives its own up
             while self._frame is not None and (frame.keep or self._frame.keep) and not stop.is_set():
                 self._changed.wait(0.1)
             self.dropped += self._frame is not None
@@ -95,8 +96,10 @@ def take_next(slots: Sequence[Slot], changed: Condition, first: int, timeout_s: 
 
     Raises EOFError when nothing more will come in any of them; of sources that failed the error of the first instead.
     """
+    # the one after the last that was served comes first: a fast sensor does not starve the others
     order = [*range(first, len(slots)), *range(first)]
     with changed:
+        # look, wait once, and look again, under one lock: a frame that comes between looking and waiting is not slept through
         for timeout in (timeout_s, None):
             errors: list[BaseException] = []
             for k in order:

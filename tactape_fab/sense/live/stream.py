@@ -67,6 +67,7 @@ class _Bytes:
         """Skip all before a mark, or to the end; how many bytes that was."""
         skipped = 0
         while (at := self._ahead.find(mark)) < 0:
+            # the last bytes may be the mark's first
             gone = max(0, len(self._ahead) - len(mark) + 1)
             del self._ahead[:gone]
             skipped += gone
@@ -122,6 +123,7 @@ def _array(source: _Bytes) -> npt.NDArray[Any]:
     if size > _MOST_BYTES or len(header.shape) not in (0, 2, 3):
         raise ValueError(f"an array of shape {shown(header.shape)} is no frame, and no stack of at most {_MOST_BYTES} bytes")
     data = source.read(size)
+    # chance puts these six bytes at a given place once in 2^48
     next_one = data.find(MAGIC)
     if next_one >= 0:  # its writer was stopped, and another one has started
         source.give_back(data[next_one:])

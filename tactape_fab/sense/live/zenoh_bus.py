@@ -109,4 +109,5 @@ def key_of(topic: str, sensor: str = "") -> str:
 
 def attachment(number: int, time_ns_: int, gid: bytes) -> bytes:
     """Number of a message on its topic, from 1; when it was sent; 16 bytes that name the publisher."""
+    # int64, int64, then the length of the publisher's name before it, as Zenoh serialises arrays
     return struct.pack("<qqB16s", number, time_ns_, len(gid), gid)

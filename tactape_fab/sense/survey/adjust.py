@@ -213,7 +213,7 @@ def _residuals(
     """Seen less modelled places (m, 2), texture frame, and the derivatives by theta (m, 2) and `COMMON` (m, 2, 6)."""
     x, y, theta = poses[rows.contact].T
     c, s = np.cos(theta), np.sin(theta)
-    turn = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)  # R(theta), SPEC section 1
+    turn = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)  # R(theta) (paper, Eq. 12)
     turned = np.einsum("mij,mj->mi", turn, gel)
     left = np.stack([x, y], 1) + turned - places_mm[rows.part]
     # dR / dtheta q = (-s q_x + c q_y, -c q_x - s q_y): R q with its components swapped and one negated
