@@ -1,6 +1,6 @@
 """Depth map -> dots: a band-pass, its local maxima, and their sub-pixel centres. Scale and background do not matter.
 
-Pixel coordinates are those of SPEC's image frame: u right, v down, whole numbers at pixel centres.
+Pixel coordinates are those of the image frame (docs/frames.md): u right, v down, whole numbers at pixel centres.
 """
 
 from __future__ import annotations

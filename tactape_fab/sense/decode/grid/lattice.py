@@ -28,7 +28,7 @@ _SIN = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(8))
 
 @inner_kernel(fastmath=True)
 def _cos_sin(turns: float) -> tuple[float, float]:
-    """Cosine and sine of an angle in turns, off by less than 1e-11; unlike those of libm, loops over it become vectors."""
+    """Cosine and sine of an angle in turns, off by some 1e-11 at most; unlike those of libm, loops over it become vectors."""
     # Taylor series of half the angle, at most pi / 2, in Horner's form; then the formulas of the double angle
     half = pi * (turns - np.rint(turns))
     z = half * half
@@ -134,8 +134,8 @@ def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, toleranc
     pitch_px: Expected pitch.
     tolerance: How far the pitch may be off, as a share.
     most: Grids asked for.
-    Returns (k, 5): Angle of the first axis in [0, pi/2), pitch px, phases of both axes (rad), share of the power that a perfect
-        grid would have; best first.
+    Returns (k, 5): Angle of the first axis, pitch px, phases of both axes (rad), share of the power that a perfect grid would
+        have; best first. Angles are from 0 to pi/2, and a little beyond either: they are not wrapped.
     """
     n, found = len(weights), np.empty((most, 5))
     few, few_weights, ordered = np.empty((min(n, SCANNED), 2)), np.empty(min(n, SCANNED)), np.empty(n)

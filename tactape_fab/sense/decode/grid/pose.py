@@ -59,12 +59,13 @@ def fit_pose(
     smoothed: bool = True,
     placed_mm: FloatArray | None = None,
 ) -> Pose:
-    """Fit a pose (SPEC section 1; paper, Eq. 12, for all dots instead of one).
+    """Fit a pose (docs/frames.md; paper, Eq. 12, for all dots instead of one).
 
     Dots that agree with a similarity are fitted by generalised least squares: texture = S + R(theta) q, q the dot's place on
     the gel by the camera, whose parameters have normal priors. The errors of dots have the covariance
-    sigma^2 / weight + rim^2 on the diagonal, plus that of the gel's displacement, a Gaussian process. The unknown sigma has an
-    inverse gamma prior. The posterior of S and theta is then close to a t distribution, and its covariance is what is said.
+    sigma^2 / sqrt(weight) + rim^2 on the diagonal, or sigma^2 / weight if not `smoothed`, plus that of the gel's displacement,
+    a Gaussian process. The unknown sigma has an inverse gamma prior. The posterior of S and theta is then close to a t
+    distribution, and its covariance is what is said.
 
     offset_px (n, 2): Dots from the image centre p0, in square pixels of the profile's camera without distortion.
     texture_mm (n, 2): Nominal places of the same dots on the texture.

@@ -78,7 +78,7 @@ class PixelFit:
     @property
     def freedom(self) -> float:
         """Expected squares of the differences of a patch that are left, over the variance of a slope: two of a pixel have it
-        together, height, place and background take eight.
+        together, height, place and background take eight. The blur, which all dots share, is left out.
         """
         # side (side - 1) differences along u and as many along v. White slopes of variance s^2 have s^2 for each component and
         # pixel; the depth is integrated from their part without curl, which is half of it on the mean: s^2 for both components

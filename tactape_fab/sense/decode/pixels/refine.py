@@ -90,7 +90,7 @@ def refine(
         return pose, f"only {len(chosen)} dots have all the pixels around them"
     if fit.factor > 1:
         image = averaged(image, fit.factor)
-    # mm along the body's length and width of pixels right and down (SPEC section 1; board +y is up, texture +y down)
+    # mm along the body's length and width of pixels right and down (docs/frames.md; board +y is up, texture +y down)
     turn = pose.theta_rad - part.rotation_deg * pi / 180.0
     to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ mm_of_px(fit, at[chosen])
     found, centres = settled_patches(fit, image, at[chosen], to_body, part)

@@ -1,4 +1,4 @@
-"""Presses: what neighbours and the rim do to a dot is what the decoder's kernel says."""
+"""Presses: dots of located frames, at the parts that they name."""
 
 from __future__ import annotations
 
@@ -6,23 +6,9 @@ import numpy as np
 
 from tactape_fab.sense import simulate
 from tactape_fab.sense.calibrate.presses import Press, located
-from tactape_fab.sense.decode.grid import posterior
-from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.texture.frames import FloatArray
 from tests.measured import measured
 from tests.unit.sense.calibrate.sensors import TAPE, TRUE, presses
-
-
-def test_neighbours_draw_a_dot_as_the_decoder_says() -> None:
-    rng = np.random.default_rng(3)
-    texture = np.stack(np.meshgrid(np.arange(6) * 1.5, np.arange(5) * 1.5), axis=-1).reshape(-1, 2)
-    texture = texture + rng.uniform(-0.25, 0.25, texture.shape)
-    weights, theta = rng.uniform(0.2, 1.0, len(texture)), 0.7
-    target, out = np.empty((2, len(texture))), np.empty((2, 2, len(texture)))
-    middle = texture.mean(axis=0)
-    posterior._drawn(texture, texture, weights, np.cos(theta), np.sin(theta), *middle.tolist(), 0.0, 0.0, target, out)
-    pushed, pulled = drawn(texture, weights, theta)
-    assert np.allclose(pushed, out[0].T) and np.allclose(pulled, out[1].T)
 
 
 def test_dots_of_a_press_are_at_the_parts_that_they_name() -> None:
