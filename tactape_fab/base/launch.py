@@ -73,11 +73,16 @@ def limited(command: Sequence[str], *, cpu_s: int, memory_bytes: int) -> list[st
     return [sys.executable, "-I", "-S", "-c", code, *command]
 
 
-# SIGXCPU at the soft limit, SIGKILL 5 s later for who ignores it; the data
-# segment, not the address space, of which libraries reserve more than they use
+# SIGXCPU at the soft limit, SIGKILL 5 s later for who ignores it; the data segment, not the address space, of which libraries
+# reserve more than they use. No limit is set above the hard one that the process was started with: it may not raise that
 _WITHIN_LIMITS = (
-    "import os, resource as r, sys; r.setrlimit(r.RLIMIT_CPU, ({cpu_s}, {cpu_s} + 5)); "
-    "r.setrlimit(r.RLIMIT_DATA, ({memory_bytes}, r.getrlimit(r.RLIMIT_DATA)[1])); os.execv(sys.argv[1], sys.argv[1:])"
+    "import os, resource as r, sys\n"
+    "def limit(of, soft, hard):\n"
+    "    most = r.getrlimit(of)[1]\n"
+    "    r.setrlimit(of, (soft, hard) if most == r.RLIM_INFINITY else (min(soft, most), most if hard < 0 else min(hard, most)))\n"
+    "limit(r.RLIMIT_CPU, {cpu_s}, {cpu_s} + 5)\n"
+    "limit(r.RLIMIT_DATA, {memory_bytes}, r.RLIM_INFINITY)\n"
+    "os.execv(sys.argv[1], sys.argv[1:])"
 )
 
 
@@ -88,10 +93,12 @@ def limit_self(*, cpu_s: float, memory_bytes: int) -> None:
     import resource
 
     used = resource.getrusage(resource.RUSAGE_SELF)
-    _, most_s = resource.getrlimit(resource.RLIMIT_CPU)
-    # RLIMIT_CPU counts from the process's start, so what was used is added; the hard limit stays, as only root can raise it again
-    resource.setrlimit(resource.RLIMIT_CPU, (max(1, int(used.ru_utime + used.ru_stime + cpu_s)), most_s))
-    resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+    # RLIMIT_CPU counts from the process's start, so what was used is added
+    total_s = max(1, int(used.ru_utime + used.ru_stime + cpu_s))
+    for of, soft in ((resource.RLIMIT_CPU, total_s), (resource.RLIMIT_DATA, memory_bytes)):
+        # the hard limit stays, as only root can raise it again; none is -1
+        _, most = resource.getrlimit(of)
+        resource.setrlimit(of, (soft if most == resource.RLIM_INFINITY else min(soft, most), most))
 
 
 def too_long(status: int) -> bool:

@@ -90,7 +90,9 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
     """
     refuse_taken_place(path, key, overwrite=overwrite)
     # beside its place: os.link and rename work within one file system
-    partial = path.with_name(f".{path.name[:200]}.{secrets.token_hex(4)}{_SUFFIX}")
+    # file systems bound a name in bytes, most of them at 255
+    name = path.name.encode(errors="ignore")[:200].decode(errors="ignore")
+    partial = path.with_name(f".{name}.{secrets.token_hex(4)}{_SUFFIX}")
     try:
         try:
             # "x" refuses a file that is there: the random name cannot be taken over

@@ -96,7 +96,8 @@ def film_shapes(files: Mapping[str, bytes], cpl: CplContent, colours: Mapping[st
     outline, *slots = read_shapes(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[str(colours["coverlay_colour"])]
     openings, copper = read_shapes(files["coverlay-top"]), read_shapes(files["copper-top"])
-    for role in ("stiffener-bottom", "adhesive-bottom"):
+    # the adhesive, which sticks the tape to an object, is the lowest
+    for role in ("adhesive-bottom", "stiffener-bottom"):
         if role in files:
             areas = read_shapes(files[role]).areas_mm
             yield Shapes(layer=role, fill=BACKING_COLOURS[role], stroke=BACKING_COLOURS[role], stroke_mm=0.6, polygons=areas)

@@ -61,13 +61,17 @@ class ExaminedPanel:
         worst: dict[str, Finding] = {}
         for finding in (f for tape in self.tapes for f in tape.findings):
             known = worst.setdefault(finding.rule, finding)
-            if (known.passed and not finding.passed) or (known.passed == finding.passed and _tighter(finding, known)):
+            if (known.passed and not finding.passed) or (known.passed == finding.passed and _worse(finding, known)):
                 worst[finding.rule] = finding
         return (*{**worst, **of_panel}.values(), *self.together)
 
 
-def _tighter(a: Finding, b: Finding) -> bool:
-    return a.value is not None and b.value is not None and a.limit is not None and abs(a.value - a.limit) < abs(b.value - a.limit)
+def _worse(a: Finding, b: Finding) -> bool:
+    """Whether a is nearer to its limit than b where both hold, or farther beyond it where both are broken."""
+    if a.value is None or a.limit is None or b.value is None or b.limit is None:
+        return False
+    a_mm, b_mm = abs(a.value - a.limit), abs(b.value - b.limit)
+    return a_mm < b_mm if a.passed else a_mm > b_mm
 
 
 def examine_order(

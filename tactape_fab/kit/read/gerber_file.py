@@ -24,7 +24,7 @@ FURTHEST_MM = 1e5
 ARC_ERROR_MM = 1e-4
 _ARC_MISFIT_MM = 1e-5
 _SPARE_CHORDS = 200_000
-"""Chords of a file's arcs; half as many as it has bytes are added. A corner of 1 mm has 56."""
+"""Chords of a file's arcs; half as many as it has bytes are added. A quarter turn of 1 mm counts as 56."""
 CIRCLE_POINTS = 64
 # circle 1, vector lines 2 and 20, outline 4, rectangles 21 and 22, polygon 5, comment 0; without $ variables and arithmetic
 _PLAIN = re.compile(r"\s*(?:(?:1|2|4|20|21|22),[-+.,\d\s]*|5,[01],\d{1,2},[-+.,\d\s]*|0\s[^*%]*)?")

@@ -324,17 +324,20 @@ class _Reader:
         self.flashes.append(np.column_stack([xy, aperture])[flashed])
         moved = np.flatnonzero(~flashed)
         if not len(moved):
+            self.pen = None
             return
-        # each draw starts at the point before it that moved or drew: the
-        # writer moves after a flash, which sets the current point, too
+        # each draw starts at the point before it that moved or drew. A flash sets the current point as well, but the writer
+        # always moves after one: a draw there is refused
+        flash_before = np.concatenate([[False], flashed[:-1]])[moved]
         before = np.concatenate([[self.pen or (0, 0)], xy[moved[:-1]]])
         drawn = draws[moved]
         # with an arc mode on each draw has a centre, in linear mode none
         wrong = drawn & ((aperture[moved] == _NONE) | (centred[moved] != self.arc))
         # the first draw needs a point to start from
         wrong[0] |= drawn[0] and self.pen is None
+        wrong |= drawn & flash_before
         self._refuse(p, np.isin(np.arange(q - p), moved[wrong]), "cannot draw here")
-        self.pen = xy[moved[-1], 0].item(), xy[moved[-1], 1].item()
+        self.pen = None if flashed[-1] else (xy[moved[-1], 0].item(), xy[moved[-1], 1].item())
         rows = np.column_stack([before, xy[moved], aperture[moved]])[drawn]
         # arcs are kept with the number of lines before them, to be put in their place among these
         if self.arc:

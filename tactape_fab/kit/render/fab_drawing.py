@@ -268,7 +268,8 @@ def _section(sheet: Sheet, drawing: Drawing, top_left: tuple[float, float]) -> f
         sheet.box((cover[0], y), (cover[1], y + 2.0), fill=(0.98, 0.88, 0.6), width_mm=0.1)
     sheet.box((middle - 7.5, y + 1.9), (middle + 7.5, y + 6.5), fill=_BODY, stroke=None)
     y -= 2.5
-    for words, fill in ((drawing.adhesive, 0.85), (drawing.stiffener, 0.6)):
+    # the adhesive is what sticks the tape to an object: it lies outermost
+    for words, fill in ((drawing.stiffener, 0.6), (drawing.adhesive, 0.85)):
         if words:
             sheet.box((left, y - 2.2), (left + width, y), fill=fill, width_mm=0.1)
             sheet.text((left + width + 1.5, y - 1.1), "adhesive" if fill > 0.8 else "stiffener", size_mm=1.8)
@@ -302,8 +303,9 @@ def _layers(facts: OrderFacts, drawing: Drawing) -> list[tuple[str, str]]:
         ("copper", f"{material.copper_um:g} µm, one layer, {material.finish}; least spacing {facts.least_gap_mm:.3g}"),
         ("base", f"{material.base}; film {drawing.thickness_mm:g} thick in all"),
     ]
-    rows += [("adhesive", f"{drawing.adhesive} mm, whole underside")] if drawing.adhesive else []
-    return [*rows, ("stiffener", f"{drawing.stiffener} mm, whole underside" if drawing.stiffener else "none")]
+    rows.append(("stiffener", f"{drawing.stiffener} mm, whole underside" if drawing.stiffener else "none"))
+    under = " under the stiffener" if drawing.stiffener else ", whole underside"
+    return [*rows, *([("adhesive", f"{drawing.adhesive} mm{under}")] if drawing.adhesive else [])]
 
 
 def _holes(drawing: Drawing, most: int = 8) -> list[tuple[str, str, str]]:

@@ -377,8 +377,10 @@ def hole_to_parts(
 def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
     longer, shorter = max(tape.board.size_mm), min(tape.board.size_mm)
     most = fab.size.largest_mm
-    passed = longer <= most[0] + TOLERANCE_MM and shorter <= most[1] + TOLERANCE_MM
-    over = longer if longer > most[0] else shorter
+    # the side that is too long for the board's own orientation; the longer one if both are, or none is
+    too_long = [side > limit + TOLERANCE_MM for side, limit in zip((longer, shorter), most, strict=True)]
+    passed = not any(too_long)
+    value, limit = (shorter, most[1]) if too_long == [False, True] else (longer, most[0])
     least = (min(longer, most[0]), min(shorter, most[1]))
     smaller = least if tape.board.size_mm[0] >= tape.board.size_mm[1] else least[::-1]
     message = (
@@ -388,8 +390,8 @@ def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
         rule="size",
         level=fab.size.level,
         passed=passed,
-        value=over if not passed else longer,
-        limit=most[1] if not passed and longer <= most[0] else most[0],
+        value=value,
+        limit=limit,
         **cited(fab.size),
         message=message if passed else f"{message}; ask the fab, or use --size {smaller[0]:g}x{smaller[1]:g}",
     )

@@ -190,8 +190,10 @@ def _pdf_problems(data: bytes, name: str, expected: Shown, order: FabOrder | Non
     facts = [f" Title {name} ", f" {width} ", f" {height} ", f" parts {len(expected.parts_xy_mm)} x "]
     turned = set(expected.rotation_deg.tolist())
     facts += [f" All parts turned {turned.pop():g}? "] if len(turned) == 1 else []
-    facts += [f" {role.split('-')[0]} {backing} mm, whole underside " for role, backing in backings.items()]
-    facts += [] if "stiffener-bottom" in backings else [" stiffener none "]
+    stiffener, adhesive = backings.get("stiffener-bottom"), backings.get("adhesive-bottom")
+    facts.append(" stiffener none " if stiffener is None else f" stiffener {stiffener} mm, whole underside ")
+    if adhesive is not None:
+        facts.append(f" adhesive {adhesive} mm{' under the stiffener' if stiffener else ', whole underside'} ")
     if order is not None:
         facts += [f" copper {order.copper_um:g} ?m, one layer, {order.finish};", f" coverlay {order.coverlay_colour}; "]
         facts += [f" base {order.base}; film {order.thickness_mm:g} thick in all "]

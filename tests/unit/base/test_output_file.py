@@ -113,3 +113,9 @@ def test_the_bytes_are_on_the_disk_before_the_name(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(os, "link", linked)
     write_file(tmp_path / "map.png", b"new", "map", overwrite=False)
     assert said == ["fsync", "link", "fsync"]
+
+
+@pytest.mark.parametrize("name", ["x" * 255, "\u00e4" * 127, "\u6df1" * 85])
+def test_any_name_that_the_file_system_takes_is_written(name: str, tmp_path: Path) -> None:
+    write_file(tmp_path / name, b"data", "output", overwrite=False)
+    assert [place.name for place in tmp_path.iterdir()] == [name]

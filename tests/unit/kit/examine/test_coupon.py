@@ -47,3 +47,11 @@ def test_a_panel_that_holds_no_tape_is_the_fabs(tmp_path: Path) -> None:
 )
 def test_any_fab_has_a_coupon_by_default(fab: str, name: str, tmp_path: Path) -> None:
     assert examine_coupon(profile(tmp_path, fab)).name == name
+
+
+def test_a_broken_rule_has_the_figure_of_its_worst_tape() -> None:
+    made = examine_coupon("generic-fpc")
+    of_tapes = [f for tape in made.tapes for f in tape.findings if f.rule == "opening-bridge"]
+    (said,) = [f for f in made.findings if f.rule == "opening-bridge"]
+    assert sum(not f.passed for f in of_tapes) > 1
+    assert not said.passed and said.value == min(f.value for f in of_tapes if f.value is not None)

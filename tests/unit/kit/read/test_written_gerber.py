@@ -41,6 +41,8 @@ def test_a_file_in_another_form_is_left_to_gerbonara(small_kit: Kit) -> None:
         ("X1Y2D03*", "cannot flash here"),
         ("D11*", "not defined"),
         ("X1Y2D01*", "cannot draw here"),
+        ("D10*\nX0Y0D02*\nX5Y0D03*\nX5Y5D01*", "cannot draw here"),
+        ("D10*\nX0Y0D02*\nX5Y0D03*\nG04 #@! TA.AperFunction,Other,x*\nX5Y5D01*", "cannot draw here"),
         ("X1Y2I1J1D02*", "no move or flash"),
         ("X1Y2D04*", "is none that the writer writes"),
         ("G03*\nG03*", "is none that the writer writes"),

@@ -52,6 +52,8 @@ def test_it_says_the_tape_the_layers_and_the_parts() -> None:
     text, made = words(drawn(stiffener="PI 0.2", adhesive="tesa8854 0.1")), examined()
     for said in ("tactape-s007", "sector 7 of microdots-4x4", "amber", "PI 0.2 mm", "tesa8854 0.1 mm", "ENIG", "45°"):
         assert said in text
+    # what sticks the tape to an object is outermost
+    assert "PI 0.2 mm, whole underside" in text and "tesa8854 0.1 mm under the stiffener" in text
     assert f"{made.tape.part_count} openings of 1.2 x 0.5" in text
     assert "leans like this: /" in text
 

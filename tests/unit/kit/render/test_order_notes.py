@@ -195,7 +195,7 @@ def test_what_is_laminated_and_anchored_is_said(fab: str) -> None:
     mask = facts.fab.mask_name
     text = notes_of(replace(facts, stiffener="FR4 0.2", adhesive="3M468 0.13", anchors="mesh", files=files))
     assert "Stiffener FR4 0.2 mm on the underside, where gerber/s.gbr has it" in text
-    assert "Adhesive 3M468 0.13 mm" in text and "gerber/a.gbr" in text
+    assert "Adhesive 3M468 0.13 mm on the underside, below the stiffener, with its liner on, where gerber/a.gbr" in flat(text)
     assert f"Copper runs on from the pads under the {mask} (mesh)" in text
     assert "A carrier for assembly" not in text and "Isolated pads" not in text
     assert len(re.findall(r"FR4 0\.2 mm", text)) == (2 if flex else 1)

@@ -430,3 +430,13 @@ def test_what_a_remedy_of_holes_says(
     board = Board(size_mm=size_mm, texture_origin_mm=(0.0, 0.0), corner_radius_mm=1.0, thickness_mm=0.1, holes=tuple(holes_mm))
     (finding,) = (found for found in hole_rules(board, FAB, "film") if found.rule == rule)
     assert finding.message.endswith(f"; {remedy}")
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "side"), [((600.0003, 255.0), 1), ((255.0, 600.0003), 1), ((605.0, 250.0003), 0), ((605.0, 255.0), 0)]
+)
+def test_a_board_is_too_long_by_the_side_that_is(size_mm: tuple[float, float], side: int) -> None:
+    tape = random_design(0).tape
+    said = _size_rule(replace(tape, board=replace(tape.board, size_mm=size_mm)), FAB)
+    assert not said.passed
+    assert said.value == sorted(size_mm, reverse=True)[side] and said.limit == FAB.size.largest_mm[side]

@@ -1,0 +1,37 @@
+"""Limits of processes, beside those that the user has set."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import pytest
+
+from tactape_fab.base import launch
+
+if find_spec("resource") is None:
+    pytest.skip("this system limits no process", allow_module_level=True)
+_SAY = "import resource as r; print(r.getrlimit(r.RLIMIT_CPU), r.getrlimit(r.RLIMIT_DATA)[0])"
+_LIMIT = "import resource as r; r.setrlimit(r.RLIMIT_CPU, (20, 20)); r.setrlimit(r.RLIMIT_DATA, (2**30, 2**30)); "
+
+
+def said(command: list[str]) -> str:
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_a_program_is_limited() -> None:
+    assert said(launch.limited([sys.executable, "-c", _SAY], cpu_s=60, memory_bytes=2**31)) == f"(60, 65) {2**31}"
+
+
+def test_a_limit_of_the_user_stays_for_a_program() -> None:
+    command = launch.limited([sys.executable, "-c", _SAY], cpu_s=60, memory_bytes=2**31)
+    within = f"{_LIMIT}import os; os.execv({command[0]!r}, {command!r})"
+    assert said([sys.executable, "-c", within]) == f"(20, 20) {2**30}"
+
+
+def test_a_limit_of_the_user_stays_for_this_process() -> None:
+    limited = f"from tactape_fab.base.launch import limit_self; limit_self(cpu_s=600, memory_bytes=2**31); {_SAY}"
+    assert said(launch.python_command(f"{_LIMIT}{limited}")) == f"(20, 20) {2**30}"
+    free = f"from tactape_fab.base.launch import limit_self; limit_self(cpu_s=600, memory_bytes=2**31); {_SAY}"
+    assert said(launch.python_command(free)).startswith("(60")
