@@ -48,10 +48,12 @@ def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
 
 
 def _cell_problems(tape: Tape) -> Iterator[Problem]:
+    # an element is displaced along one axis at a time or diagonally by less along each: the displacement bounds both
     reach = np.array(reach_mm(tape.part)) + tape.displacement_mm
     worst = float(reach.max())
     if worst > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM + _TOLERANCE_MM:
         most_mm = tape.pitch_mm / 2 - LEAST_CLEARANCE_MM
+        # rounded to a nanometre first: a float a last bit above a whole micrometre would ask for one more
         least_mm = ceil(round(2 * (worst + LEAST_CLEARANCE_MM) * 1000, 3)) / 1000
         yield Problem(
             "part",
@@ -69,7 +71,9 @@ def foot_reach_mm(tape: Tape, form: SolidForm) -> FloatArray:
         return reach
     axis = 0 if cylinder.around == "x" else 1
     if tape.part.shape == "dome":
+        # directions 0 and 90 deg: along the tangent the foot reaches farthest, along the axis it is the flat one
         reach[axis], reach[1 - axis] = foot_radius_mm(tape.part, cylinder.radius_mm, np.array([0.0, pi / 2]))
+    # from the offset along the tangent to the arc under it, which is what the base's length and the cells are measured in
     reach[axis] = cylinder.radius_mm * asin(min(reach[axis] / cylinder.radius_mm, 1.0))
     return reach
 
@@ -93,6 +97,7 @@ def arc_length_mm(tape: Tape, cylinder: Cylinder) -> float:
 
 def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Iterator[Problem]:
     radius_mm, axis = cylinder.radius_mm, 0 if cylinder.around == "x" else 1
+    # a radius of twice the reach or more keeps the surface under a foot within some 30 deg of its tangent plane: t / R <= 1 / 2
     reach_across_mm = max(reach_mm(tape.part)) if tape.part.shape == "block" else mean_radius_mm(tape.part)
     least_mm = max(2 * reach_across_mm, 0.0 if form.negative else form.base_mm + 0.1)
     shown = f"cylinder_mm = {radius_mm:g} mm"
@@ -117,6 +122,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
     if tape.board.holes:
         yield Problem("holes_mm", "holes_mm: a wrapped texture has no holes; leave out --hole, or --cylinder")
     if tape.part.shape == "block":
+        # a side at an angle to the axis cuts the cylinder in an ellipse of half axis R / sin(angle): 115 R at half a degree
         turn = (tape.part.rotation_deg + 45.0) % 90.0 - 45.0
         if 1e-9 < abs(turn) < LEAST_TURN_DEG:
             yield Problem(

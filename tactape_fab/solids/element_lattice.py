@@ -67,9 +67,11 @@ def build_lattice(tape: Tape, wrap: Wrap | None) -> Lattice:
     slices = 1
     fine = across = lines[0]
     if wrap is not None:
+        # sagitta of a chord of length s on a circle of radius R: s^2 / 8R
         step_mm = sqrt(8 * wrap.radius_mm * CHORD_ERROR_MM)
         slices = ceil(float(np.diff(lines[0]).max()) / step_mm)
         fine = _sliced(lines[0], low[0] + np.arange(len(lines[0]) - 1) * tape.pitch_mm, slices, _kept_clear_mm(tape, wrap))
+        # a whole shell goes on past the board's end to its beginning: the last line is the first one, a turn later
         end = board_high[0] if wrap.cylinder.shell == "segment" else board_low[0] + 2 * pi * wrap.radius_mm
         across = np.concatenate([_between(board_low[0], fine[0], step_mm)[:-1], fine[:-1], _between(fine[-1], end, step_mm)])
     return Lattice(
@@ -90,6 +92,7 @@ def _kept_clear_mm(tape: Tape, wrap: Wrap) -> FloatArray:
     else:
         offsets = foot_radius_mm(wrap.part, wrap.radius_mm, np.array([0.0, pi])) * (1.0, -1.0)
     arcs = wrap.radius_mm * np.arcsin(offsets / wrap.radius_mm)
+    # components along x; those along y are the same set, so that it does not matter which board axis goes round
     moved_mm = tape.displacement_mm * np.unique(DIRECTIONS_XY[: tape.directions, 0])
     clear: FloatArray = np.unique((arcs[:, None] + moved_mm).ravel())
     return clear
@@ -100,6 +103,7 @@ def _sliced(lines: FloatArray, centres: FloatArray, slices: int, clear_mm: Float
 
     A line that only touched a foot would leave a vertex on one side of it alone.
     """
+    # the outermost cells may be narrower than a pitch, so shares are of each cell's own width
     shares = np.arange(1, slices) / slices
     inner = lines[:-1, None] + shares * np.diff(lines)[:, None]
     offset = inner - centres[:, None]
@@ -109,6 +113,7 @@ def _sliced(lines: FloatArray, centres: FloatArray, slices: int, clear_mm: Float
         near = np.abs(nearest) < _CLEAR_OF_CORNER_MM
         if not near.any():
             break
+        # always to the same side, until no line is near a corner; 40 moves are 0.4 mm
         offset = np.where(near, offset - nearest + 1.01 * _CLEAR_OF_CORNER_MM, offset)
     fine = np.concatenate([lines[:-1, None], centres[:, None] + offset], axis=1).ravel()
     sliced: FloatArray = np.append(fine, lines[-1])
@@ -123,6 +128,7 @@ def _between(a: float, b: float, step_mm: float) -> FloatArray:
 def _axis_lines(low: float, high: float, board_low: float, board_high: float, pitch: float, reach: float) -> FloatArray:
     count = round((high - low) / pitch) + 1
     lines: FloatArray = low + (np.arange(count + 1, dtype=np.float64) - 0.5) * pitch
+    # half a pitch beyond the last grid points may be off the board: half way between its end and the elements then
     if lines[0] < board_low + _LEAST_MARGIN_MM:
         lines[0] = (board_low + low - reach) / 2
     if lines[-1] > board_high - _LEAST_MARGIN_MM:
@@ -154,6 +160,7 @@ def build_rims(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> Rims:
 
 def _circle(x: float, y: float, diameter: float) -> FloatArray:
     """A hole clockwise."""
+    # sagitta of a chord of n: d / 2 (1 - cos(pi / n)) <= e; tiny holes get 16 corners
     points = max(16, ceil(pi / np.arccos(max(1 - 2 * HOLE_CHORD_ERROR_MM / diameter, 0.5))))
     angle = -np.arange(points) * (2 * pi / points)
     return np.stack([x + diameter / 2 * np.cos(angle), y + diameter / 2 * np.sin(angle)], axis=1)
@@ -162,12 +169,14 @@ def _circle(x: float, y: float, diameter: float) -> FloatArray:
 def whole_cells(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> IntArray:
     """Indices of placed parts whose whole cell lies inside the outline and clear of every hole."""
     if wrap is not None:
+        # round a cylinder there are no holes or rounded corners (`checks`), and every line lies inside the board
         return np.arange(tape.part_count)
     i, j = lattice.cell_of_part.T
     a, b = lattice.a_mm, lattice.b_mm
     corners = np.stack([np.stack([a[i + di], b[j + dj]], axis=1) for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=1)
     good = inset_mm(corners, tape.board.size_mm, tape.board.corner_radius_mm).min(axis=1) > _CLEAR_MM
     for x, y, d in tape.board.holes:
+        # distance of a hole's centre from a cell along each axis, 0 inside: together that to the nearest point of the rectangle
         gap_a = np.maximum(np.maximum(a[i] - x, x - a[i + 1]), 0.0)
         gap_b = np.maximum(np.maximum(b[j] - y, y - b[j + 1]), 0.0)
         good &= np.hypot(gap_a, gap_b) > d / 2 + _CLEAR_MM
@@ -177,10 +186,12 @@ def whole_cells(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> IntArray:
 def cell_loops(lattice: Lattice, parts: IntArray) -> list[FloatArray]:
     """Borders of the union of the cells of `parts`, cells on the left, with every vertex of the lattice on them."""
     columns, rows = len(lattice.a_mm) - 1, len(lattice.b_mm) - 1
+    # a frame of empty cells, so that neighbours beyond the grid need no case of their own
     mask = np.zeros((columns + 2, rows + 2), dtype=bool)
     i, j = lattice.cell_of_part[parts].T
     mask[i + 1, j + 1] = True
     following: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    # by the neighbour on each side: where that is empty, the side from corner a to corner b, with the cell on its left
     for (di, dj), (ai, aj), (bi, bj) in (
         ((0, -1), (0, 0), (1, 0)),
         ((1, 0), (1, 0), (1, 1)),
@@ -196,6 +207,7 @@ def cell_loops(lattice: Lattice, parts: IntArray) -> list[FloatArray]:
         loop: list[tuple[int, int]] = []
         while at in following:
             ways = following[at]
+            # two sides leave a corner where two cells meet in it alone
             way = ways[0] if len(ways) == 1 or not loop else min(ways, key=lambda to: _turn(loop[-1], at, to))
             ways.remove(way)
             if not ways:
@@ -231,6 +243,7 @@ def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -
     fields = [shapely.Polygon(loop) for loop in outer]
     rest = board
     for field in fields:
+        # a loop that runs clockwise is an island of the board in a field of cells
         holes = [island.exterior.coords for island in islands if field.contains(island.representative_point())]
         rest = rest.difference(shapely.Polygon(field.exterior.coords, holes))
     for foot in feet:
@@ -248,12 +261,14 @@ def triangulated(region: shapely.Geometry, cuts_mm: FloatArray | None) -> Iterat
     pieces = [region]
     if cuts_mm is not None:
         _, low, _, high = region.bounds
+        # triangles that cross a line of the lattice would leave the cylinder by more than the tolerance
         strips = shapely.box(cuts_mm[:-1], low - 1.0, cuts_mm[1:], high + 1.0)
         pieces = list(shapely.intersection(region, strips))
     for piece in pieces:
         for polygon in shapely.get_parts(piece):
             if polygon.geom_type != "Polygon" or polygon.is_empty:
                 continue
+            # it adds no points, so the border keeps its vertices alone, and neighbours that share it fit
             parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
             corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
             u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -272,6 +287,7 @@ class Numbers:
     def __call__(self, points_mm: FloatArray) -> IntArray:
         """Numbers of points, shape (..., 2) -> (...)."""
         flat = points_mm.reshape(-1, 2)
+        # rounded, as GEOS may change the last bits of a point that it intersects; + 0.0 makes one key of 0.0 and -0.0
         keys = np.round(flat, _KEY_DECIMALS) + 0.0
         numbers = []
         for key, point in zip(map(tuple, keys.tolist()), flat.tolist(), strict=True):

@@ -20,6 +20,7 @@ _LEAST_POINTS, _LEAST_RINGS = 12, 3
 
 def dome_points(part: TapePart) -> int:
     """Vertices of a dome's foot in a mesh, a multiple of four: turned by a quarter it is the same."""
+    # sagitta of a chord of n on a circle of radius D / 2: D / 2 (1 - cos(pi / n)) <= e gives n >= pi / acos(1 - 2 e / D)
     half_turn = acos(max(1 - 2 * CHORD_ERROR_MM / part.body_mm[0], 0.0))
     return max(_LEAST_POINTS, 4 * ceil(pi / half_turn / 4))
 
@@ -27,18 +28,21 @@ def dome_points(part: TapePart) -> int:
 def dome_rings(part: TapePart) -> int:
     """Rings of a spherical cap in a mesh, foot included, apex not."""
     sphere_mm = sphere_radius_mm(part)
+    # the same along a meridian of the sphere: rings cap / n apart have chords of half angle cap / 2n
     half_step = acos(max(1 - CHORD_ERROR_MM / sphere_mm, 0.0))
     return max(_LEAST_RINGS, ceil(_cap_rad(part) / half_step / 2))
 
 
 def _cap_rad(part: TapePart) -> float:
     """Angle at the sphere's centre between the top of a cap and its foot."""
+    # a cap is lower than its foot's radius (`read_part`), so less than a hemisphere, and the sine has one angle only
     return asin(min(part.body_mm[0] / 2 / sphere_radius_mm(part), 1.0))
 
 
 def sphere_radius_mm(part: TapePart) -> float:
     """Radius of the sphere whose cap a dome is, from its foot's diameter and its height."""
     foot_mm, height_mm = part.body_mm[0] / 2, part.body_mm[2]
+    # Pythagoras: rho^2 = f^2 + (rho - h)^2
     return (foot_mm**2 + height_mm**2) / (2 * height_mm)
 
 
@@ -74,8 +78,10 @@ def element_rings_mm(part: TapePart) -> FloatArray:
         radii, heights = np.array([length_mm, part.top_mm]) / 2, np.array([0.0, height_mm])
     else:
         sphere_mm = sphere_radius_mm(part)
+        # rings at equal angles from foot to apex, the apex itself left out
         polar = _cap_rad(part) * (1 - np.arange(count := dome_rings(part)) / count)
         radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
+        # arc sine and cosine leave some 1e-17 mm here; a foot lies in the plane exactly
         heights[0] = 0.0
     rings = radii[:, None, None] * circle
     return np.concatenate([rings, np.broadcast_to(heights[:, None, None], (*rings.shape[:2], 1))], axis=2)
@@ -119,6 +125,7 @@ def closed_element(part: TapePart, sink_mm: float) -> tuple[FloatArray, IntArray
     if has_apex(part):
         apex = len(vertices)
         vertices = np.vstack([vertices, (0.0, 0.0, part.body_mm[2])])
+    # the floor looks down, so its loop is followed backwards
     bottom = cap_faces(0, points, None)[:, ::-1]
     faces = np.concatenate([bottom, ring_faces(count, points), cap_faces((count - 1) * points, points, apex)])
     return vertices, faces
@@ -133,6 +140,7 @@ def element_volume_mm3(part: TapePart) -> float:
     if part.top_mm is not None:
         top_mm = part.top_mm / 2
         return pi * height_mm / 3 * (foot_mm**2 + foot_mm * top_mm + top_mm**2)
+    # of a spherical cap: the integral of pi (rho^2 - z^2) from z = rho - h to rho
     return pi * height_mm / 6 * (3 * foot_mm**2 + height_mm**2)
 
 

@@ -58,6 +58,7 @@ def raster(sector: int) -> BoolArray:
 def read_raster(cells: BoolArray) -> int | None:
     """The number beside an arrow that points up; None if the cells are no mark."""
     known: dict[tuple[str, ...], str] = {digit: str(k) for k, digit in enumerate(_DIGITS)}
+    # blank columns part the figures; every second piece is one, beginning with the first, as the mark has no blank margin
     empty = ~cells.any(axis=0)
     pieces = np.split(cells, np.flatnonzero(np.diff(empty)) + 1, axis=1)[::2]
     texts = [tuple("".join("01"[int(cell)] for cell in row) for row in piece) for piece in pieces]
@@ -85,12 +86,14 @@ class Mark:
     def board_mm(self, column_row: FloatArray) -> FloatArray:
         """Board places of corners of cells, counted in columns and rows from the upper left corner of the mark."""
         rows, columns = self.cells.shape
+        # rows go down while board y goes up; a back seen from below is seen in a mirror along x
         turn = (-1.0 if self.mirrored else 1.0, -1.0)
         places: FloatArray = np.array(self.middle_mm) + (column_row - np.array([columns, rows]) / 2) * self.cell_mm * turn
         return places
 
     def polygons(self) -> list[tuple[FloatArray, list[FloatArray]]]:
         """Outline and islands of every connected figure, in board coordinates: the sunk cells on the left of each loop."""
+        # joined while corners are whole numbers: cells then share sides exactly, multiples of a cell's side may not
         boxes = [shapely.box(c, r, c + 1, r + 1) for r, c in np.argwhere(self.cells).tolist()]
         figures = shapely.get_parts(shapely.union_all(boxes).simplify(0.0))
         return [
@@ -101,6 +104,7 @@ class Mark:
     def _loop(self, ring: shapely.LinearRing, *, ccw: bool) -> FloatArray:
         loop = self.board_mm(shapely.get_coordinates(ring)[:-1])
         corners = loop - np.roll(loop, 1, axis=0)
+        # cross product of the sides before and behind a corner: 0 on a straight side
         turns = corners[:, 0] * np.roll(corners, -1, axis=0)[:, 1] - corners[:, 1] * np.roll(corners, -1, axis=0)[:, 0]
         loop = loop[turns != 0.0]  # simplify keeps the first point, even on a straight side
         x, y = loop.T
@@ -123,6 +127,7 @@ def _marks(tape: Tape, form: SolidForm, cells: BoolArray) -> Iterator[Mark]:
     widths = np.array([_SHARE_OF_WIDTH, _SHARE_OF_HEIGHT]) * size_mm
     if form.cylinder is not None:
         round_it = 0 if form.cylinder.around == "x" else 1
+        # a quarter turn at most, as the STEP file has the whole mark in one strip of a third of a turn
         widths[round_it] = min(widths[round_it], _MOST_TURN_RAD * form.cylinder.radius_mm)
     rows, columns = cells.shape
     largest_mm = min(float((widths / (columns, rows)).min()), MOST_CELL_MM)
@@ -152,10 +157,12 @@ def _between_cuts(mark: Mark, tape: Tape, form: SolidForm) -> Mark:
     """The mark moved a little round the cylinder, so that no side of a cell is near a line that its mesh is cut along."""
     assert form.cylinder is not None
     wrap = wrap_of(tape, form, form.cylinder)
+    # a side on or beside a cut would leave slivers, or two vertices so near that a reader joins them
     cuts = build_lattice(tape, wrap).a_all_mm
     corners = np.stack(np.meshgrid(*(np.arange(n + 1.0) for n in mark.cells.shape[::-1]), indexing="ij"), axis=-1).reshape(-1, 2)
     sides = np.unique(np.round(mark.board_mm(corners) @ wrap.from_board.T, 6)[:, 0])
     shifts = np.arange(40) * _SHIFT_MM
+    # sides (k, 1, 1) + shifts (1, 40, 1) against cuts: for each shift the distance of the nearest pair
     apart = np.abs((sides[:, None] + shifts)[..., None] - cuts).min(axis=(0, 2))
     moved = np.array([shifts[int(apart.argmax())], 0.0]) @ wrap.from_board
     x, y = np.array(mark.middle_mm) + moved
@@ -164,6 +171,7 @@ def _between_cuts(mark: Mark, tape: Tape, form: SolidForm) -> Mark:
 
 def _levels(height_mm: float, base_mm: float, negative: bool) -> tuple[float, float]:
     """Height of the back over the texture's surface, and the direction from it into the base."""
+    # heights over the surface that carries the elements, before a mould is turned over: its base lies above, behind the cavities
     return (height_mm + base_mm, -1.0) if negative else (-base_mm, 1.0)
 
 
@@ -187,4 +195,5 @@ def mark_volume_mm3(tape: Tape, form: SolidForm) -> float:
     if form.cylinder is None:
         return area_mm2 * mark.depth_mm
     r = form.cylinder.radius_mm
+    # cells are measured as arcs at z = 0: width w spans w / R rad, and a ring's sector has |R1^2 - R2^2| / 2 per radian
     return area_mm2 / r * abs((r + back_mm(tape, form)) ** 2 - (r + floor_mm(tape, form, mark)) ** 2) / 2

@@ -63,6 +63,7 @@ def shaded(
     px_per_mm = min(width_px, MOST_PX, MOST_PX * extent[0] / extent[1]) / extent[0] * _SAMPLES
     size = [ceil(v * px_per_mm / _SAMPLES) * _SAMPLES for v in extent]
     screen = np.empty_like(points)
+    # half a sample less: sample (i, j) is then at the whole numbers i and j
     screen[:, 0] = (points[:, 0] - low[0] + border) * px_per_mm - 0.5
     screen[:, 1] = (high[1] + border - points[:, 1]) * px_per_mm - 0.5
     screen[:, 2] = points[:, 2] * px_per_mm
@@ -71,12 +72,14 @@ def shaded(
     seen = _nearest_faces(corners, np.flatnonzero(normals[:, 2] > 1e-6), (size[1], size[0]))
     small = (size[0] // _SAMPLES, size[1] // _SAMPLES)
     hidden = _hidden(np.ascontiguousarray(seen.depth[::_SAMPLES, ::_SAMPLES]), _SAMPLES)
+    # face -1, the background, takes the appended last entry: no light
     around, direct = (np.append(part, np.float32(0.0))[seen.face] for part in _lambert(normals))
     # Direct light alone: it falls to nothing where a round surface turns away, and with it the steps of its own shadow.
     picture = around + direct * (1.0 - _SHADOW * cv2.resize(hidden, seen.face.shape[::-1], interpolation=cv2.INTER_LINEAR))
     _darken_creases(picture, seen, normals)
     light = cv2.resize(picture, small, interpolation=cv2.INTER_AREA)
     cover = cv2.resize((seen.face >= 0).astype(np.float32), small, interpolation=cv2.INTER_AREA)
+    # white for the share of the pixel's samples that no face covers
     colour = light[..., None] * np.asarray(rgb, dtype=np.float32) + (1.0 - cover)[..., None]
     return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255), dtype=np.uint8)
 
@@ -136,6 +139,7 @@ def _nearest_faces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]
 
     Each sample holds depth and face in one integer, so that the nearest face is a maximum.
     """
+    # depth is in the upper 31 bits, so that the number stays positive, and the face's index in the lower 32; 0 is no face
     low, high = float(corners[..., 2].min()), float(corners[..., 2].max())
     steps = (_NEAREST - 2) / max(high - low, 1e-12)
     buffer = np.zeros(shape[0] * shape[1], dtype=np.int64)
@@ -144,6 +148,7 @@ def _nearest_faces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]
         triangle = corners[faces]
         begin, counts = _spans(triangle, line, row, shape[1])
         slope_x, slope_y, level = _planes(triangle)
+        # linear in the flat index of a sample, row * width + column: the row's share is in the constant
         slope = (slope_x * steps)[line]
         at_zero = ((level[line] + slope_y[line] * row - low) * steps) - slope * (row * shape[1])
         span, pixel = _repeat_ranges(row * shape[1] + begin, counts)
@@ -162,6 +167,7 @@ def _pieces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]) -> It
     first = np.maximum(np.ceil(y.min(axis=1) - _SPAN_SLACK), 0).astype(np.int64)
     last = np.minimum(np.floor(y.max(axis=1) + _SPAN_SLACK), shape[0] - 1).astype(np.int64)
     rows = np.maximum(last - first + 1, 0)
+    # half the box about a triangle, and what its rows round up
     samples = rows * (np.ptp(corners[facing, :, 0], axis=1) + 2) / 2
     piece = (np.cumsum(samples) // _SAMPLES_AT_ONCE).astype(np.int64)
     for i in np.split(np.arange(len(facing)), np.flatnonzero(np.diff(piece)) + 1):
@@ -180,9 +186,11 @@ def _spans(triangle: FloatArray, line: IntArray, row: IntArray, width: int) -> t
     for i in range(3):
         a, b = triangle[:, i, :2], triangle[:, i - 1, :2]
         fall = b[:, 1] - a[:, 1]
+        # level edges cross no line between rows: the two others bound their row
         per_row = 1.0 / np.where(fall == 0.0, np.inf, fall)
         along = (row - a[line, 1]) * per_row[line]
         crossing = a[line, 0] + along * (b[:, 0] - a[:, 0])[line]
+        # with slack a sample on an edge between two triangles belongs to both, without it perhaps to neither
         on_edge = (fall != 0.0)[line] & (along >= -_SPAN_SLACK) & (along <= 1 + _SPAN_SLACK)
         np.minimum(left, crossing, out=left, where=on_edge)
         np.maximum(right, crossing, out=right, where=on_edge)
@@ -195,6 +203,7 @@ def _planes(triangle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Depth of each triangle as slope_x * x + slope_y * y + level."""
     a, b, c = np.moveaxis(triangle, 1, 0)
     normal = np.cross(b - a, c - a)
+    # n . (p - a) = 0 solved for z; faces seen from the side, with n_z near 0, are left out by the caller
     slope_x, slope_y = -normal[:, 0] / normal[:, 2], -normal[:, 1] / normal[:, 2]
     return slope_x, slope_y, a[:, 2] - slope_x * a[:, 0] - slope_y * a[:, 1]
 
@@ -209,6 +218,7 @@ def _darken_creases(picture: npt.NDArray[np.float32], seen: _Seen, normals: Floa
         a, b = face[:-step], face[step:]
         at = np.flatnonzero((a != b) & (np.minimum(a, b) >= 0))
         one, other = normals[a[at]], normals[b[at]]
+        # depth of a plane changes by at most 1 / n_z from one sample to the next: three times that is no slope but a step
         rise = 1.5 + 3.0 / np.minimum(one[:, 2], other[:, 2])
         edge = (np.einsum("ij,ij->i", one, other) < _CREASE_COS) | (np.abs(depth[at] - depth[at + step]) > rise)
         flat[at[edge]] *= _CREASE_SHADE
@@ -225,10 +235,12 @@ def _hidden(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.floa
     longest = max(abs(across), abs(down))
     hidden = np.zeros(depth.shape, dtype=np.float32)
     for i in range(1, _SHADOW_STEPS + 1):
+        # one pixel a step along the light's longer axis; the ray rises by rise / longest pixels of depth meanwhile
         u, v = round(i * across / longest), round(i * down / longest)
         moved = cv2.warpAffine(
             depth, np.array([[1, 0, -u], [0, 1, -v]], dtype=np.float32), depth.shape[::-1], flags=cv2.INTER_NEAREST
         )
+        # half a pixel more than the ray's height, lest a face shadows itself by rounding
         hidden = np.maximum(hidden, (moved - depth > samples * (0.5 + i * rise / longest)).astype(np.float32))
     softened: npt.NDArray[np.float32] = cv2.GaussianBlur(hidden, (0, 0), 0.8)
     return softened

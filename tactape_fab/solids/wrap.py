@@ -57,6 +57,7 @@ class Wrap:
     def point(self, angle_rad: FloatArray | float, b_mm: FloatArray | float, radius_mm: FloatArray | float) -> FloatArray:
         """Points at angle, place along and distance from the axis, in the file's frame; shape (..., 3)."""
         angle, b, r = np.broadcast_arrays(angle_rad, b_mm, radius_mm)
+        # the axis is at a = length / 2 and z = -R; angle 0 is straight up, so that r = R gives z = 0 on the middle line
         working = np.stack([self.length_mm / 2 + r * np.sin(angle), b, r * np.cos(angle) - self.radius_mm], axis=-1)
         points: FloatArray = working @ self.turn.T
         return points
@@ -65,6 +66,7 @@ class Wrap:
         """Tangent, axis direction and normal at angles, in the file's frame; shape (..., 3, 3), last axis x, y, z."""
         angle = np.asarray(angle_rad, dtype=np.float64)
         zero, one = np.zeros_like(angle), np.ones_like(angle)
+        # d/d angle of (sin, 0, cos) is the tangent, so that tangent x axis = normal: right-handed, as board x, y, z
         tangent = np.stack([np.cos(angle), zero, -np.sin(angle)], axis=-1)
         normal = np.stack([np.sin(angle), zero, np.cos(angle)], axis=-1)
         frames: FloatArray = np.stack([tangent, np.stack([zero, one, zero], axis=-1), normal], axis=-2) @ self.turn.T
@@ -91,11 +93,13 @@ def unwrapped(points_mm: FloatArray, tape: Tape, form: SolidForm) -> FloatArray:
 
     On a cylinder x or y is the arc length at z = 0.
     """
+    # rows times the turn are the turn's inverse (its transpose) applied to columns
     points = points_mm @ world(form)
     if form.cylinder is None:
         return points
     wrap = wrap_of(tape, form, form.cylinder)
     working = points_mm @ wrap.turn
+    # seen from the axis: (across, up) = r (sin, cos) of the angle, hence arctan2 in this order
     across, up = working[:, 0] - wrap.length_mm / 2, working[:, 2] + wrap.radius_mm
     arc_mm = wrap.length_mm / 2 + np.arctan2(across, up) * wrap.radius_mm
     board = np.stack([arc_mm, working[:, 1]], axis=1) @ wrap.from_board

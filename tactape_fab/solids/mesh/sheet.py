@@ -68,6 +68,7 @@ class _Builder:
         symbols = tape.symbols[cells[:, 1], cells[:, 0]].astype(np.int64)
         i, j = lattice.cell_of_part.T
         last_i, last_j = len(lattice.a_mm) - 2, len(lattice.b_mm) - 2
+        # cells of one symbol are congruent but for the outermost ones, which a narrow margin may cut: symbol and four flags
         kind = (((symbols * 2 + (i == 0)) * 2 + (i == last_i)) * 2 + (j == 0)) * 2 + (j == last_j)
         alike = [whole[kind[whole] == key] for key in np.unique(kind[whole]).tolist()]
         sides = [self._sides(int(parts[0])) for parts in alike]
@@ -76,6 +77,7 @@ class _Builder:
         for parts, t, shell in zip(alike, sides, shells, strict=True):
             self._cells_alike(parts, t, shell)
         self._feet: list[FloatArray] = []
+        # parts whose cell a rounded corner or a hole cuts: their feet become holes of the rest of the top, one by one
         alone = np.ones(tape.part_count, dtype=bool)
         alone[whole] = False
         for part in np.flatnonzero(alone).tolist():
@@ -94,17 +96,21 @@ class _Builder:
         lattice, first = self._lattice, int(parts[0])
         j, b, n = lattice.cell_of_part[first, 1], lattice.local_mm[first, 1], lattice.slices
         low, high = lattice.b_mm[j] - b, lattice.b_mm[j + 1] - b
+        # n + 1 vertices along the cell's lower side, then as many along its upper one: the order of `ids` below
         border = np.concatenate([np.column_stack([t, np.full_like(t, low)]), np.column_stack([t, np.full_like(t, high)])])
         numbers = Numbers()
         known = numbers(np.concatenate([border, shell.foot]))
         ring = np.concatenate([border[: n + 1], border[n + 1 :][::-1]])
         region = shapely.Polygon(ring, [shell.foot])
+        # (t, b) is the cell seen along the element's normal: triangles that do not overlap there do not overlap in space
         corners = np.concatenate(list(triangulated(region, t if n > 1 else None)))
         faces = numbers(corners)
+        # a vertex that GEOS moved or added would be in one cell alone, and its edges open
         if len(numbers.points) != len(known):
             raise RenderError(f"the mesh of a cell with part '{self._part.name}' does not close; use another --rotation")
         ci, cj = lattice.cell_of_part[parts].T
         columns = ci[:, None] * n + np.arange(n + 1)
+        # the lattice is numbered line by line across a, along b within
         lower = columns * len(lattice.b_mm) + cj[:, None]
         ids = np.concatenate([lower, lower + 1], axis=1)
         self._add_shell(shell, parts, None, ids, faces)
@@ -130,6 +136,7 @@ class _Builder:
         """
         foot = shell.foot if foot_ids is None else shell.foot[:0]
         own = len(foot) + len(shell.above)
+        # the number of vertices of the sheet is not known yet: -1 - k stands for the k-th vertex of elements until `mesh`
         first = -1 - self._element_count - np.arange(len(parts))[:, None] * own  # negative: numbered after all others
         self._element_count += len(parts) * own
         own_ids = first - np.arange(own)
@@ -149,6 +156,7 @@ class _Builder:
             flat: FloatArray = points.reshape(-1, 3)
             return flat
         radius_mm = self._wrap.radius_mm
+        # (tangential, along, distance from the axis): the foot where the vertical through it meets the cylinder
         on_surface = np.column_stack([foot, np.sqrt(radius_mm**2 - foot[:, 0] ** 2)])
         local = np.concatenate([on_surface, above + np.array([0.0, 0.0, radius_mm])])
         angle = self._wrap.angle_rad(centre[:, 0])
@@ -162,6 +170,7 @@ class _Builder:
         """The top outside of whole cells, the back, and the walls between them."""
         rims, lattice = self._rims, self._lattice
         cuts = None if self._wrap is None else lattice.a_all_mm
+        # vertices of all borders are numbered before anything is triangulated: one more afterwards is an open edge
         rest = rest_of_board(rims, cell_loops(lattice, self._whole), self._feet)
         known_top = [self._top_ids(rim) for rim in (rims.outline, *rims.holes)]
         back = Numbers()
@@ -174,10 +183,12 @@ class _Builder:
         known_back += [back(loop) for loop in loops]
         known_sunk = [sunk(loop) for loop in loops]
         count_back, count_sunk = len(back.points), len(sunk.points)
+        # the back outside of the mark, and the islands inside its figures, such as that of a 0
         bare = [
             shapely.Polygon(rims.outline, [*rims.holes, *(outer for outer, _ in pockets)]),
             *(shapely.Polygon(island) for _, islands in pockets for island in islands),
         ]
+        # triangles are counter-clockwise seen from above, and the back looks down
         back_faces = [back(self._joined(corners))[:, ::-1] for area in bare for corners in triangulated(area, cuts)]
         floors = [sunk(corners)[:, ::-1] for pocket in pockets for corners in triangulated(shapely.Polygon(*pocket), cuts)]
         if (len(self._others.points), len(back.points), len(sunk.points)) != (count_top, count_back, count_sunk):
@@ -187,8 +198,10 @@ class _Builder:
         known_top += [ids + sunk_first for ids in known_sunk]
         for rim, top, low in zip((rims.outline, *rims.holes, *loops), known_top, known_back, strict=True):
             steps = np.roll(rim, -1, axis=0) - rim
+            # the two ends of a whole shell meet: there is no wall
             seam = (np.abs(steps[:, 0]) <= _SAME_MM) & (rims.closed and rim is rims.outline)
             used = ~seam
+            # with the material on the left of p -> q the wall looks to the right: (p_low, q_low, q), (p_low, q, p)
             p, q = top[used], np.roll(top, -1)[used]
             p_low, q_low = low[used] + self._back_first, np.roll(low, -1)[used] + self._back_first
             faces += [np.stack([p_low, q_low, q], axis=1), np.stack([p_low, q, p], axis=1)]
@@ -210,6 +223,7 @@ class _Builder:
             points = []
             for start, end in zip(loop, np.roll(loop, -1, axis=0), strict=True):
                 low, high = min(start[0], end[0]), max(start[0], end[0])
+                # sides of the mark's cells are along the board's, so the other coordinate is that of `start`
                 inside = cuts[(cuts > low + _SAME_MM) & (cuts < high - _SAME_MM)]
                 points += [start, *((x, start[1]) for x in (inside if end[0] > start[0] else inside[::-1]))]
             return np.array(points)
@@ -226,6 +240,7 @@ class _Builder:
             return points_mm
         first, last = self._lattice.a_all_mm[[0, -1]]
         joined = points_mm.copy()
+        # one number for both ends, or the shell would be open along a seam of equal but distinct vertices
         joined[np.abs(points_mm[..., 0] - last) < _SAME_MM, 0] = first
         return joined
 
@@ -235,6 +250,7 @@ class _Builder:
         ids = np.full(len(points), -1, dtype=np.int64)
         near = []
         for lines, values in ((self._a, points[:, 0]), (self._lattice.b_mm, points[:, 1])):
+            # the nearer of the two lines next to each value
             after = np.clip(np.searchsorted(lines, values), 1, len(lines) - 1)
             near.append(np.where(values - lines[after - 1] < lines[after] - values, after - 1, after))
         on = (np.abs(self._a[near[0]] - points[:, 0]) < _SAME_MM) & (
@@ -270,7 +286,9 @@ class _Builder:
         copies, self._faces, self._elements = self._faces, [], []
         used = np.zeros(len(vertices), dtype=bool)
         for ids, triangles in copies:
+            # -1 - k becomes own + k
             np.subtract(own - 1, ids, out=ids, where=ids < 0)
+            # points of the lattice inside cells that are not whole belong to no triangle
             used[ids[:, np.unique(triangles)]] = True
         number = np.cumsum(used) - 1
         faces = np.empty((sum(len(ids) * len(triangles) for ids, triangles in copies), 3), dtype=np.int64)
@@ -280,4 +298,5 @@ class _Builder:
             out = faces[begin:end].reshape(len(ids), *triangles.shape)
             np.take(number[ids], triangles, axis=1, out=out, mode="clip")  # any other mode makes a copy first
         vertices = vertices if used.all() else vertices[used]
+        # a mould has its material on the other side of the same surface
         return Mesh(vertices_mm=vertices, faces=faces[:, ::-1] if form.negative else faces)

@@ -67,13 +67,16 @@ def _block_shell(part: TapePart, cuts_mm: FloatArray) -> Shell:
         (px, py), (qx, qy) = corners[k].tolist(), corners[(k + 1) % 4].tolist()
         firsts.append(len(foot))
         foot.append((px, py))
+        # a side along the cylinder's axis meets no cut, or lies along one
         if abs(qx - px) > _LEAST_SHARE:
+            # the cut's own number is the vertex's x: strips that are cut there have the same vertex to the last bit
             shares = sorted(((cut - px) / (qx - px), cut) for cut in cuts_mm.tolist())
             foot += [(cut, py + s * (qy - py)) for s, cut in shares if _LEAST_SHARE < s < 1 - _LEAST_SHARE]
     m = len(foot)
     faces = []
     for k in range(4):
         ends = [*range(firsts[k], firsts[k + 1] if k < 3 else m), firsts[(k + 1) % 4]]
+        # on a cylinder the foot of a side is an arc of an ellipse in the side's plane: a fan keeps each of its vertices
         faces += [(a, b, m + (k + 1) % 4) for a, b in pairwise(ends)]
         faces.append((ends[0], m + (k + 1) % 4, m + k))
     faces += [(m, m + 1, m + 2), (m, m + 2, m + 3)]
@@ -85,12 +88,14 @@ def _dome_shell(part: TapePart, angle: FloatArray, on_cut: FloatArray, reach: Fl
     """A cap or a cone in rings of equal directions, whose foot reaches so far in each."""
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     foot = reach[:, None] * direction
+    # bisection ends within rounding of a cut, the sheet asks for the cut itself
     foot[:, 0] = np.where(np.isnan(on_cut), foot[:, 0], on_cut)
     height_mm = part.body_mm[2]
     if part.top_mm is not None:
         radii, heights = np.full((1, len(angle)), part.top_mm / 2), np.full((1, len(angle)), height_mm)
     else:
         sphere_mm, rings_n = sphere_radius_mm(part), dome_rings(part)
+        # on a cylinder each direction has a foot of its own: rings divide its own angle from the foot to the apex
         polar = np.arcsin(np.minimum(reach / sphere_mm, 1.0)) * (1 - np.arange(1, rings_n) / rings_n)[:, None]
         radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
     above = np.concatenate([radii[..., None] * direction, heights[..., None]], axis=2).reshape(-1, 3)
@@ -110,8 +115,10 @@ def _foot_angles(
     each (NaN: none).
     """
     regular = np.arange(count) * (2 * pi / count)
+    # a cut beyond the foot's two ends along the tangent does not meet it
     ends = foot_radius(np.array([0.0, pi]))
     crossed = [cuts[(cuts > -ends[1]) & (cuts < ends[0])] for cuts in cuts_mm]
+    # each cut crosses the foot twice: once going from 0 to pi, once from 2 pi back to pi; all sets are bisected at once
     target = np.concatenate([np.tile(cuts, 2) for cuts in crossed])
     near, far = np.concatenate([np.repeat([0.0, 2 * pi], len(cuts)) for cuts in crossed]), np.full(len(target), pi)
     for _ in range(_BISECTIONS):  # the offset falls steadily from the near end to the far one
@@ -121,6 +128,7 @@ def _foot_angles(
     ends_at = np.cumsum([2 * len(cuts) for cuts in crossed])[:-1]
     found = []
     for crossing, on in zip(np.split((near + far) / 2, ends_at), np.split(target, ends_at), strict=True):
+        # a regular vertex beside a crossing would make a sliver
         apart = np.abs((regular[:, None] - crossing + pi) % (2 * pi) - pi).min(axis=1, initial=pi) > _LEAST_TURN_RAD
         angle = np.concatenate([regular[apart], crossing])
         on_cut = np.concatenate([np.full(int(apart.sum()), np.nan), on])

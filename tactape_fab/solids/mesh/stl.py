@@ -56,6 +56,7 @@ def stl_corner_pieces(stream: BinaryIO) -> Iterator[npt.NDArray[np.float32]]:
 def _check_size(header: bytes, size: int) -> None:
     if size < _HEADER_BYTES:
         raise MeshError(f"{size} bytes are too few for a binary STL")
+    # binary STL: 80 bytes of free text, the number of triangles in 4, then 50 each (normal, three corners, 2 bytes of attributes)
     count = int.from_bytes(header[80:84], "little")
     if size != _HEADER_BYTES + count * _TRIANGLE_BYTES or not 0 < count <= MOST_TRIANGLES:
         raise MeshError(f"its header announces {count} triangles, its {size} bytes do not fit them")
@@ -70,6 +71,7 @@ def _finite_corners(data: bytes, offset: int = 0) -> npt.NDArray[np.float32]:
 
 def _merged(points: np.ndarray) -> tuple[np.ndarray, IntArray]:
     """Equal points once, and which of them each was."""
+    # equal to the last bit only: a writer gives equal vertices equal corners, and near ones are a fault that is looked for below
     order = np.lexsort(points.T)
     ordered = points[order]
     first = np.ones(len(points), dtype=bool)
@@ -87,6 +89,7 @@ def mesh_problems(mesh: Mesh) -> list[str]:
     if (a == b).any():
         problems.append(f"{int((a == b).reshape(-1, 3).any(axis=1).sum())} triangles without area")
     count = len(mesh.vertices_mm)
+    # closed and of one orientation: every directed edge once, and its opposite once
     edge, back = np.sort(a * count + b), np.sort(b * count + a)
     if (edge[1:] == edge[:-1]).any():
         problems.append(f"{int((edge[1:] == edge[:-1]).sum())} edges between more than two triangles")
@@ -106,6 +109,7 @@ def mesh_problems(mesh: Mesh) -> list[str]:
 def _near_vertices(mesh: Mesh) -> int:
     corners = mesh.corners_mm
     square = ((corners - np.roll(corners, -1, axis=1)) ** 2).sum(axis=2)
+    # in a closed mesh each edge belongs to two triangles
     return int((square < _JOINED_MM**2).sum()) // 2
 
 
@@ -118,6 +122,7 @@ def body_count(mesh: Mesh) -> int:
         new = label.copy()
         for k in range(3):
             np.minimum.at(new, faces[:, k], least)
+        # the label of a label, twice: chains of labels shorten to a quarter in each round
         new = new[new]
         new = new[new]
         if np.array_equal(new, label):

@@ -49,6 +49,7 @@ class Mesh:
     @property
     def volume_mm3(self) -> float:
         """Enclosed volume, by the divergence theorem about the mesh's middle."""
+        # signed tetrahedra a . (b x c) / 6; about the middle, as far from the origin their sum would lose digits
         a, b, c = np.moveaxis(self.corners_mm - self.vertices_mm.mean(axis=0), 1, 0)
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 

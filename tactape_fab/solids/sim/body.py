@@ -108,13 +108,16 @@ def _film_box(tape: Tape, base_mm: float) -> Box:
 def _slices(wrap: Wrap, base_mm: float) -> list[Box]:
     """A cylinder's wall as boxes that touch it on the outside in their middles."""
     first, last = (-pi, pi) if wrap.cylinder.shell == "whole" else wrap.ends_rad
+    # ten degrees: corners of a box stand out by R (1 / cos 5 deg - 1), 0.4 % of the radius
     count = ceil((last - first) / _MOST_SLICE_RAD)
     step, along = (last - first) / count, wrap.turn[:, 1]
+    # tangents at the middles of two neighbours meet at R tan(step / 2): the outer faces close without a gap
     half = _M * np.array([wrap.radius_mm * np.tan(step / 2), (wrap.b_mm[1] - wrap.b_mm[0]) / 2, base_mm / 2])
     boxes = []
     for angle in first + step * (np.arange(count) + 0.5):
         centre = _M * wrap.point(angle, sum(wrap.b_mm) / 2, wrap.radius_mm - base_mm / 2)
         sides = np.abs(wrap.turn) @ half  # the box's own axes are along the file's: its turn is about the cylinder's
+        # about the cylinder's axis as the file has it: angle 0 is the middle line, where a box needs no turn
         turn = along * angle
         x, y, z = centre.tolist()
         boxes.append(Box(centre=(x, y, z), half=(sides[0], sides[1], sides[2]), turn=(turn[0], turn[1], turn[2])))
@@ -124,12 +127,14 @@ def _slices(wrap: Wrap, base_mm: float) -> list[Box]:
 def _film_mass(tape: Tape) -> tuple[float, FloatArray, FloatArray]:
     """Mass, its centre and inertia of a film as a box, and of its parts as points on it."""
     size = _M * np.array([*tape.board.size_mm, tape.board.thickness_mm])
+    # corners and holes are not taken off: corners of 1 mm are 0.02 % of a board of 100 x 50 mm
     film = FILM_KG_M3 * float(size.prod())
     middle = size * (0.5, 0.5, -0.5)
     part = CHIP_KG_M3 * element_volume_mm3(tape.part) * _M**3
     points = _M * np.column_stack([tape.part_xy_mm(), np.full(tape.part_count, tape.part.body_mm[2] / 2)])
     mass = film + part * len(points)
     centre = (film * middle + part * points.sum(axis=0)) / mass
+    # of a box: m (b^2 + c^2) / 12 about the axis along a
     own = film * np.diag(float(size @ size) - size * size) / 12
     return mass, centre, own + _steiner(film, (middle - centre)[None]) + _steiner(part, points - centre)
 
@@ -137,6 +142,7 @@ def _film_mass(tape: Tape) -> tuple[float, FloatArray, FloatArray]:
 def _steiner(mass: float, offsets: FloatArray) -> FloatArray:
     """Inertia of equal point masses at offsets, (n, 3)."""
     second = offsets.T @ offsets
+    # sum of m (r^2 1 - r r^T)
     inertia: FloatArray = mass * (np.trace(second) * np.eye(3) - second)
     return inertia
 
@@ -148,12 +154,16 @@ def solid_mass(mesh: Mesh, density: float) -> tuple[float, FloatArray, FloatArra
     """
     corners = _M * mesh.corners_mm
     middle = corners.reshape(-1, 3).mean(axis=0)
+    # the tetrahedra have their fourth corner in the middle: far from it signed volumes would cancel at the cost of digits
     corners = corners - middle
     volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     sums = corners.sum(axis=1)
     volume = float(volumes.sum())
+    # the centroid of a tetrahedron is the mean of its four corners, one of which is the origin
     centre = volumes @ sums / 4 / volume
+    # integral of x x^T over a tetrahedron of volume V: V / 20 (s s^T + sum of c c^T), s the sum of its corners c
     second = np.einsum("i,ij,ik->jk", volumes, sums, sums) + np.einsum("i,inj,ink->jk", volumes, corners, corners)
+    # from the middle of the vertices to the centre of mass (Steiner)
     second = second / 20 - volume * np.outer(centre, centre)
     return density * volume, middle + centre, density * (np.trace(second) * np.eye(3) - second)
 

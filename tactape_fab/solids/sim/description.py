@@ -28,12 +28,14 @@ def quaternion(turn: tuple[float, float, float]) -> tuple[float, float, float, f
 
 def frame_quaternion(frame: Frame) -> tuple[float, float, float, float]:
     """The axes of a frame: half a turn about x, then its own about z; w first."""
+    # (cos t/2 + k sin t/2) i = i cos t/2 + j sin t/2: half a turn about x, then t about the body's z; in URDF rpy = (pi, 0, t)
     return 0.0, float(np.cos(frame.turn_rad / 2)), float(np.sin(frame.turn_rad / 2)), 0.0
 
 
 def mjcf(body: Body, mesh_file: str, colour_file: str | None, rgb: Colour) -> bytes:
     """The body with its visual mesh, what collides, inertia, and a site for each frame; without a joint, as an object's skin."""
     m = body.inertia
+    # MJCF's order of a full inertia: the diagonal, then xy, xz, yz
     inertia = numbers([m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]])
     look = f'rgba="{numbers([*rgb, 1])}"' if colour_file is None else 'texture="colour"'
     lines = [
@@ -75,6 +77,7 @@ def _geom(number: int, box: Box) -> str:
 
 def urdf(body: Body, mesh_file: str, hull_file: str | None, rgb: Colour) -> bytes:
     """The body as one link, and each frame as a link that is fixed to it."""
+    # about the centre of mass along the link's own axes, hence rpy 0 of its origin
     m = body.inertia
     entries = {"ixx": m[0, 0], "iyy": m[1, 1], "izz": m[2, 2], "ixy": m[0, 1], "ixz": m[0, 2], "iyz": m[1, 2]}
     inertia = " ".join(f'{name}="{value + 0.0:.9g}"' for name, value in entries.items())
@@ -96,6 +99,7 @@ def urdf(body: Body, mesh_file: str, hull_file: str | None, rgb: Colour) -> byte
         lines += [
             "    <collision>",
             f'      <origin xyz="{numbers(box.centre)}" rpy="{numbers(box.turn)}"/>',
+            # URDF gives whole sides where MJCF gives half ones
             f'      <geometry><box size="{numbers(2 * np.array(box.half))}"/></geometry>',
             "    </collision>",
         ]

@@ -44,6 +44,7 @@ class Relief:
 
     def normals(self) -> Image8:
         """Normal map, red along board x, green along board y, blue out of the tape (OpenGL's and glTF's sense)."""
+        # central differences: (z[i+1] - z[i-1]) / (2 / px_per_mm); the normal of z(x, y) is along (-dz/dx, -dz/dy, 1)
         step = 0.5 * self.px_per_mm
         x = np.zeros_like(self.height)
         y = np.zeros_like(self.height)
@@ -61,6 +62,7 @@ def relief_of(tape: Tape, most_px: int = _MOST_PX) -> Relief:
     height = np.zeros(shape, dtype=np.float32)
     for v, u, offset_mm in stamps(tape, px_per_mm, shape):
         rise = element_height_mm(tape.part, offset_mm)
+        # a stamp may reach a neighbour: what lies beside an element must not overwrite that
         height[v[rise > 0], u[rise > 0]] = rise[rise > 0]
     return Relief(height=height, px_per_mm=px_per_mm, top_mm=tape.part.body_mm[2])
 
@@ -70,15 +72,18 @@ def stamps(
 ) -> list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]]:
     """Pixels round the elements of a tape: rows v, columns u, and where their centres are from each element's, mm (k, n, 2)."""
     reach = max(reach_mm(tape.part))
+    # one pixel more, as the stamp is about the nearest pixel and not about the element's own place
     half = ceil(reach * px_per_mm) + 1
     span = np.arange(-half, half + 1)
     dv, du = (axis.ravel() for axis in np.meshgrid(span, span, indexing="ij"))
     out = []
     xy = tape.part_xy_mm()
     for some in np.array_split(xy, max(1, len(xy) * len(du) // 4_000_000)):
+        # centre of pixel u is at u + 0.5; rows count from the upper edge
         place = np.stack([some[:, 0] * px_per_mm, (tape.board.size_mm[1] - some[:, 1]) * px_per_mm], axis=1) - 0.5
         near = np.rint(place).astype(np.int64)
         u, v = near[:, :1] + du, near[:, 1:] + dv
+        # v grows downward, board y upward
         offset = np.stack([u - place[:, :1], place[:, 1:] - v], axis=2) / px_per_mm
         inside = (u >= 0) & (v >= 0) & (u < shape[1]) & (v < shape[0])
         out.append((v[inside], u[inside], offset[inside]))
@@ -108,8 +113,11 @@ def png_bytes(image: Image8 | Image16, px_per_m: int | None = None) -> bytes:
     Written here because OpenCV does not write how large a pixel is (pHYs).
     """
     height, width = image.shape[:2]
+    # colour types of PNG: 0 is gray, 2 is red, green and blue
     depth, colour = (16, 0) if image.ndim == 2 else (8, 2)
+    # samples of two bytes have the more significant one first
     rows = np.ascontiguousarray(image.astype(">u2") if depth == 16 else image).view(np.uint8).reshape(height, -1)
+    # filters subtract modulo 256, as uint8 does; above the first row all is 0
     above = np.concatenate([np.zeros_like(rows[:1]), rows[:-1]])
     lines = np.column_stack([np.full(height, 2, dtype=np.uint8), rows - above])  # filter 2, Up: most rows repeat the one above
     chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0))]

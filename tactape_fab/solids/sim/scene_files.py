@@ -50,6 +50,7 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
     name = re.sub(r"\W", "_", body.name)
     name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
     values, vectors = np.linalg.eigh(body.inertia)
+    # eigenvectors may come as a mirror image, which no quaternion is
     vectors[:, 2] *= np.sign(np.linalg.det(vectors))
     faces, points = body.mesh.faces, _M * body.mesh.vertices_mm
     lines = [
@@ -64,6 +65,7 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
         f"    float physics:mass = {body.mass:.9g}",
         f"    point3f physics:centerOfMass = {_tuple(body.centre)}",
         f"    float3 physics:diagonalInertia = {_tuple(values)}",
+        # how the principal axes lie in the body's frame, they are the matrix's columns; USD has the real part first
         f"    quatf physics:principalAxes = {_tuple(matrix_quaternion(vectors))}",
         f'    def Mesh "visual" (prepend apiSchemas = [{", ".join(_mesh_schemas(body))}])',
         "    {",
@@ -111,6 +113,7 @@ def matrix_quaternion(rotation: FloatArray) -> FloatArray:
             (zy - yz, xz - zx, yx - xy, xx + yy + zz),
         ]
     )
+    # three times Bar-Itzhack's matrix, with its eigenvectors: that of the largest value is the nearest rotation's
     x, y, z, w = np.linalg.eigh(k)[1][:, -1].tolist()
     found: FloatArray = np.array([w, x, y, z]) * (1.0 if w >= 0 else -1.0)
     return found
@@ -157,6 +160,7 @@ def _collision(name: str, box: Box) -> list[str]:
     return [
         f'    def Cube "{name}" (prepend apiSchemas = ["PhysicsCollisionAPI"])',
         "    {",
+        # a cube of half side 1, so that the scale is half the sides, as in the other formats
         "        double size = 2",
         '        uniform token purpose = "guide"',
         f"        double3 xformOp:translate = {_tuple(box.centre)}",
@@ -182,6 +186,7 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
     """A binary glTF 2.0: the surface that carries the elements, with colours and their relief as a normal map; y up."""
     points, normals, uv, faces = _sheet(tape, form)
     arrays = [
+        # glTF's names of OpenGL: 34962 array buffer, 34963 element array buffer, 5126 float, 5125 unsigned int
         (points.astype("<f4"), 34962, 5126, "VEC3"),
         (normals.astype("<f4"), 34962, 5126, "VEC3"),
         ((uv * (1, -1) + (0, 1)).astype("<f4"), 34962, 5126, "VEC2"),  # glTF counts v from the top
@@ -192,11 +197,13 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
     for k, chunk in enumerate(chunks):
         target = {"target": arrays[k][1]} if k < len(arrays) else {}
         views.append({"buffer": 0, "byteOffset": at, "byteLength": len(chunk), **target})
+        # every view begins at a multiple of 4, as accessors of floats must
         at += len(chunk) + -len(chunk) % 4
     accessors = [
         {"bufferView": k, "componentType": kind, "count": len(array), "type": shape}
         for k, (array, _, kind, shape) in enumerate(arrays)
     ]
+    # bounds are mandatory for positions, and for them alone
     accessors[0] |= {"min": arrays[0][0].min(axis=0).tolist(), "max": arrays[0][0].max(axis=0).tolist()}
     look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 0.6, "baseColorFactor": [*rgb, 1.0]}
     if colour_png is not None:
@@ -205,12 +212,14 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
         "asset": {"version": "2.0", "generator": "tactape-fab"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
+        # -90 deg about x, as (x, y, z, w): board z up becomes glTF's y up
         "nodes": [{"name": tape.name, "mesh": 0, "rotation": [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}, "indices": 3, "material": 0}]}],
         "materials": [
             {"name": "look", "pbrMetallicRoughness": look, "normalTexture": {"index": 0}, "doubleSided": True},
         ],
         "textures": [{"source": k, "sampler": 0} for k in range(len(chunks) - len(arrays))],
+        # linear, linear between mipmaps too, clamped to the edge: the texture's border must not wrap round
         "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
         "images": [{"bufferView": len(arrays) + k, "mimeType": "image/png"} for k in range(len(chunks) - len(arrays))],
         "accessors": accessors,
@@ -219,6 +228,7 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
     }
     data = b"".join(chunk + bytes(-len(chunk) % 4) for chunk in chunks)
     text = json.dumps(content, separators=(",", ":")).encode("ascii")
+    # chunks are multiples of 4 bytes: JSON is filled up with spaces, binary data with zeros
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(data)
     head = struct.pack("<4sII", b"glTF", 2, total)
@@ -239,6 +249,7 @@ def _sheet(tape: Tape, form: SolidForm | None) -> tuple[FloatArray, FloatArray, 
         angle = wrap.angle_rad(a * wrap.length_mm)
         points, normals = wrap.point(angle, along, wrap.radius_mm), wrap.frames(angle)[:, 2]
         uv = np.column_stack([a * wrap.length_mm, along]) @ wrap.from_board / tape.board.size_mm
+    # points alternate between the two ends along b: two triangles for each step across
     k = 2 * np.arange(len(across) - 1)
     faces = np.concatenate([np.stack([k, k + 2, k + 3], axis=1), np.stack([k, k + 3, k + 1], axis=1)])
     return _M * points, normals, uv, faces

@@ -33,13 +33,17 @@ def _lines_mm(tape: Tape, wrap: Wrap, axis: int, step: int) -> list[float]:
 def strip_angles(tape: Tape, form: SolidForm, wrap: Wrap) -> list[float]:
     """Angles between which the outer cylinder is one strip each; of a whole shell the last is the first plus a turn."""
     start, end = wrap.ends_rad
+    # 6 cells, or fewer where these would take more than a third of a turn
     cells = max(1, min(CELLS_PER_TILE, floor(MOST_STRIP_RAD * wrap.radius_mm / tape.pitch_mm)))
     lines = [float(wrap.angle_rad(a)) for a in _lines_mm(tape, wrap, 0, cells)]
     if wrap.cylinder.shell == "segment":
         return [start, *(lines if form.top == "tiles" else []), end]
     gap = 2 * pi - (end - start)
+    # the tape closes on itself, and a strip as narrow as the gap would be a sliver: the first cut is a line between elements,
+    # the last strip goes over the joint
     if gap * wrap.radius_mm < _LEAST_GAP_MM:
         return [*lines, lines[0] + 2 * pi]
+    # what the tape leaves bare of a whole shell, in strips of at most a third of a turn
     pieces = ceil(gap / MOST_STRIP_RAD)
     bare = [end + gap * k / pieces for k in range(pieces + 1)]
     inside = lines if form.top == "tiles" else []
@@ -65,6 +69,7 @@ class CylinderBase:
         self._back = self._grid(self._back_mm, [self._b[0], self._b[-1]], self._back_angles)
         ab = tape.part_xy_mm() @ wrap.from_board.T
         angle = wrap.angle_rad(ab[:, 0])
+        # where the tape closes on itself its first elements lie in the strip over the joint
         angle = np.where(angle < self._angles[0], angle + 2 * pi, angle)
         strip = np.searchsorted(self._angles, angle) - 1
         self.tile_of_part = (strip * self._tiles_along + np.searchsorted(self._b, ab[:, 1]) - 1).astype(np.int64)
@@ -73,9 +78,11 @@ class CylinderBase:
     def _round_mark(self, mark: Mark) -> tuple[list[float], int]:
         """Angles between which the inner cylinder is one strip each, and the strip that holds the whole mark."""
         start, end = self._angles[0], self._angles[-1]
+        # a third of a turn about the mark's middle; the mark takes a quarter at most
         first = float(self._wrap.angle_rad((np.array(mark.middle_mm) @ self._wrap.from_board.T)[0])) - MOST_STRIP_RAD / 2
         if self._closed:
             return [first + k * MOST_STRIP_RAD for k in range(4)], 0
+        # a cut next to an end would leave a sliver of a strip; without it the mark's strip goes on to the end
         cuts = [angle for angle in (first, first + MOST_STRIP_RAD) if start + _LEAST_CUT_RAD < angle < end - _LEAST_CUT_RAD]
         return [start, *cuts, end], int(first in cuts)
 
@@ -85,6 +92,7 @@ class CylinderBase:
         """Vertices [strip][along], arcs [strip][along] and lines [strip][along] of a cylinder cut along angles and b."""
         w, wrap = self._w, self._wrap
         own = angles[:-1] if self._closed else angles
+        # of a closed shell the last cut is the first one: no vertices and lines of its own
         points = wrap.point(np.array(own)[:, None], np.array(b_mm), radius_mm)
         vertices = [[w.vertex(p) for p in row] for row in points]
         lines = [
@@ -94,6 +102,7 @@ class CylinderBase:
         centres = [w.point(p) for p in wrap.point(0.0, np.array(b_mm), 0.0)]
         arcs = []
         for i in range(len(angles) - 1):
+            # angle 0 of the circle is at the strip's begin, and it runs counter-clockwise about the axis: as angles grow
             ref = w.direction(wrap.frames(angles[i])[2])
             ends = vertices[i], vertices[(i + 1) % len(own)]
             circles = [w.add(f"CIRCLE('',{w.axes(centre, self._up, ref)},{real(radius_mm)})") for centre in centres]
@@ -107,6 +116,7 @@ class CylinderBase:
 
     def _surface(self, ends_rad: Sequence[float], radius_mm: float) -> str:
         """The cylinder, its seam opposite to a strip."""
+        # u = 0, where the surface joins itself, is on the far side: no face goes over its surface's seam
         ref = -self._wrap.frames((ends_rad[0] + ends_rad[1]) / 2)[2]
         axes = self._w.placement(self._wrap.point(0.0, 0.0, 0.0), self._wrap.turn[:, 1], ref)
         return self._w.add(f"CYLINDRICAL_SURFACE('',{axes},{real(radius_mm)})")
@@ -133,6 +143,7 @@ class CylinderBase:
         _, arcs, lines = self._back
         loop = self._loop([(lines[i][0], True), (arcs[i][1], True), (lines[i + 1][0], False), (arcs[i][0], False)])
         surface = self._surface(self._back_angles[i : i + 2], self._back_mm)
+        # the surface's normal points away from the axis: from a texture's inside into its wall, at a mould's outside out of it
         return self._w.face([loop, *bounds], surface, same_sense=self._flip)
 
     def _geometry_of_back(self) -> Back:
@@ -146,11 +157,13 @@ class CylinderBase:
         def edge(start: str, end: str, p: FloatArray, q: FloatArray, radius_mm: float) -> str:
             if abs(q[0] - p[0]) < abs(q[1] - p[1]):
                 return w.line_edge(start, end, point(p, radius_mm), point(q, radius_mm))
+            # an edge's circle is followed counter-clockwise about its axis: for the other way round the axis points the other way
             axes = w.placement(wrap.point(0.0, p[1], 0.0), np.sign(q[0] - p[0]) * along, wrap.frames(wrap.angle_rad(p[0]))[2])
             return w.edge(start, end, w.add(f"CIRCLE('',{axes},{real(radius_mm)})"))
 
         def wall(p: FloatArray, q: FloatArray) -> str:
             frame, (da, db) = wrap.frames(wrap.angle_rad(p[0])), np.sign(np.round(q - p, 6))
+            # left of the way (da, db) in the plane of (tangent, axis): (-db, da)
             return self._plane(point(p, self._back_mm), da * along - db * frame[0], frame[2])
 
         return Back(
@@ -176,6 +189,7 @@ class CylinderBase:
     def _end_walls(self) -> list[str]:
         """The two walls square to the cylinder; of a whole shell they are rings."""
         top, back = self._top[1], self._back[1]
+        # the ring at the low end looks to -b: outer arcs against the angle, inner ones along it; the high end the other way
         first = [(arcs[0], False) for arcs in reversed(top)], [(arcs[0], True) for arcs in back]
         last = [(arcs[-1], True) for arcs in top], [(arcs[-1], False) for arcs in reversed(back)]
         walls = []
@@ -184,6 +198,7 @@ class CylinderBase:
         for end, (outer, inner), sign in ((0, first, -1.0), (-1, last, 1.0)):
             if self._closed:
                 loops = [self._loop(outer), self._loop(inner)]
+                # the outer bound comes first: of a mould it is the back's, which is the larger circle
                 loops = loops[::-1] if self._flip else loops
             else:
                 at_start, at_end = self._corners[end]

@@ -51,11 +51,13 @@ class ElementTemplate(Template):
 
     def bound(self, steps: Sequence[Step]) -> str:
         """A bound of steps that go counter-clockwise seen from outside the element."""
+        # a plain FACE_BOUND serves as a hole of a tile and as the only loop of a face: no face needs a FACE_OUTER_BOUND
         return self.add(f"FACE_BOUND('',{self.loop(reversed_steps(steps) if self.flip else steps)},.T.)")
 
     def face(self, steps: Sequence[Step], surface: str, *, same_sense: bool = True) -> int:
         """A face of one loop on a surface whose normal looks out of the element, or into it without `same_sense`."""
         bound = self.bound(steps)
+        # a mould turns over twice: `turn` carries the surfaces along, `flip` puts the material on their other side
         return index_of(self.add(f"ADVANCED_FACE('',({bound}),{surface},.{'T' if same_sense != self.flip else 'F'}.)"))
 
 
@@ -64,6 +66,7 @@ def prism_faces(
 ) -> tuple[int, tuple[int, ...]]:
     """Bound and faces of a block from its edges (foot and top counter-clockwise from above, rise upward) and surfaces."""
     count = len(foot)
+    # seen as a hole of the top face the foot runs clockwise, the material of the base on its left
     bound = t.bound([(edge, False) for edge in reversed(foot)])
     faces = [
         t.face([(foot[i], True), (rise[(i + 1) % count], True), (top[i], False), (rise[i], False)], sides[i])
@@ -87,10 +90,12 @@ def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatAr
     corners = block_corners_mm(part)
     along = np.column_stack([np.roll(corners, -1, axis=0) - corners, np.zeros(4)])
     along = along / np.linalg.norm(along, axis=1, keepdims=True) @ turn.T
+    # directions, vectors and the plane of all tops are written once, for all copies to refer to
     up = turn @ (0.0, 0.0, 1.0)
     up_name, along_names = w.direction(up), [w.direction(d) for d in along]
     vectors = [w.add(f"VECTOR('',{d},1.)") for d in along_names]
     up_vector = w.add(f"VECTOR('',{up_name},1.)")
+    # any point of the plane will do; that above the origin belongs to no element
     top_mm = turn @ (0.0, 0.0, part.body_mm[2])
     top_plane = w.add(f"PLANE('',{w.axes(w.point(top_mm), up_name, along_names[0])})")
 
@@ -107,6 +112,7 @@ def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatAr
     bound, faces = prism_faces(t, foot_edges, top_edges, rise, sides, top_plane)
     xy = outlines_at(centres_mm, corners)
     texts_x, texts_y = reals(xy[..., 0] * turn[0, 0]), reals(xy[..., 1])
+    # the half turn about y negates x and z: z is in the template, x is negated here
     columns = {f"x{k}": texts_x[:, k] for k in range(4)} | {f"y{k}": texts_y[:, k] for k in range(4)}
     return ElementText(template=t, bound=bound, faces=faces, columns=columns)
 
@@ -129,12 +135,15 @@ def _flat_dome(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArr
     if part.top_mm is None:
         sphere_mm = sphere_radius_mm(part)
         centre = t.point("<x>", "<y>", z(height_mm - sphere_mm))
+        # y of the circle is axis x ref = south x east = up: its angle grows from the foot's east point to the pole
         meridian = t.add(f"CIRCLE('',{t.axes(centre, south, east)},{real(sphere_mm)})")
         seam = t.edge(start, t.vertex(t.point("<x>", "<y>", z(height_mm))), meridian)
         sphere = t.add(f"SPHERICAL_SURFACE('',{t.axes(centre, up, east)},{real(sphere_mm)})")
+        # up the seam and down again: kernels want a closed surface cut open, and the pole a vertex
         faces: tuple[int, ...] = (t.face([(foot, True), (seam, True), (seam, False)], sphere),)
     else:
         top_mm = part.top_mm / 2
+        # direction of the seam, from the foot's east point to the top's
         slant = np.array([top_mm - foot_mm, 0.0, height_mm]) @ turn.T
         vector = w.add(f"VECTOR('',{w.direction(slant / np.linalg.norm(slant))},1.)")
         top_vertex = t.vertex(t.point("<t>", "<y>", z(height_mm)))
@@ -143,6 +152,7 @@ def _flat_dome(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArr
         top = t.edge(top_vertex, top_vertex, t.add(f"CIRCLE('',{rim_axes},{real(top_mm)})"))
         seam = t.line_edge(start, top_vertex, rim, vector)
         angle = real(atan((foot_mm - top_mm) / height_mm))
+        # the axis points down: from the top's radius at its origin the cone widens along it by the tangent of the half angle
         cone = t.add(f"CONICAL_SURFACE('',{t.axes(middle, down, east)},{real(top_mm)},{angle})")
         side = t.face([(foot, True), (seam, True), (top, False), (seam, False)], cone)
         faces = (side, t.face([(top, True)], t.add(f"PLANE('',{rim_axes})")))

@@ -55,10 +55,13 @@ def mark_faces(w: Writer, mark: Mark | None, back: Callable[[], Back]) -> tuple[
     bounds, faces = [], []
     for outer, islands in mark.polygons():
         rims = [_walls(w, of, loop @ of.from_board.T) for loop in (outer, *islands)]
+        # islands lie inside the pocket: only the outer loop of a figure is a hole of the back
         bounds.append(of.loop(rims[0][0]))
         faces += [wall for _, _, walls in rims for wall in walls]
+        # the floor lies on the pocket's side of the loop, the back on the other: the loop backwards
         bottom = [of.loop([(edge, False) for edge, _ in reversed(low)]) for _, low, _ in rims]
         faces.append(w.face(bottom, floor, same_sense=of.same_sense))
+        # an island's top is a piece of the back: the same surface and sense
         faces += [w.face([of.loop(top)], level, same_sense=of.same_sense) for top, _, _ in rims[1:]]
     return bounds, faces
 
@@ -77,6 +80,7 @@ def _walls(w: Writer, of: Back, corners: FloatArray) -> tuple[Steps, Steps, list
     ]
     walls = []
     for k, (p, q) in enumerate(zip(corners, after, strict=True)):
+        # along the floor as the loop goes, along the back against it; rises run from back to floor
         steps = [(edges[0][k], False), (rises[k], True), (edges[1][k], True), (rises[(k + 1) % len(rises)], False)]
         walls.append(w.face([of.loop(steps)], of.wall(p, q)))
     return [(edge, True) for edge in edges[0]], [(edge, True) for edge in edges[1]], walls

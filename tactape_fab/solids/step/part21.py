@@ -35,6 +35,7 @@ _PLACE = re.compile(r"#\[(\d+)\]|<(\w+)>")
 @lru_cache(maxsize=1 << 12)
 def real(value: float) -> str:
     """A number as ISO 10303-21 wants it: with a point, without an exponent."""
+    # three decimals more than `reals`: single entities hold directions and radii that thousands of copies refer to
     text = f"{value:.12f}".rstrip("0")
     return "0." if text in ("-0.", "0.") else text
 
@@ -149,6 +150,7 @@ def index_of(reference: str) -> int:
 def first_name(single: int, copies: int, size: int) -> int:
     """A first number for `copies` of a template of `size` entities, beyond `single` ones, so that all have as many digits."""
     first = 10
+    # a power of ten above all single names; the last name must stay below the next one, or it has a digit more
     while first <= single or first + copies * size > first * 10:
         first *= 10
     return first
@@ -161,8 +163,10 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
     columns (count,): Values of each ``<name>``, without trailing NUL bytes: see `reals`.
     """
     size, of_name = len(template), len(str(first))
+    # `row` is the text of one copy with gaps; a structured type over the same bytes has a field for each gap
     row, fields, formats, offsets = bytearray(), [], [], []
     for k, entity in enumerate(template.entities):
+        # line ends mean nothing between tokens: one for eight entities saves bytes and keeps lines readable
         line = f"#[{k}]={entity};" + ("\n" if k % 8 == 7 or k == size - 1 else "")
         end = 0
         for match in _PLACE.finditer(line):
@@ -180,9 +184,11 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
     row_type = np.dtype({"names": keys, "formats": formats, "offsets": offsets, "itemsize": len(row)})
     for start in range(0, count, _ROWS_AT_ONCE):
         stop = min(start + _ROWS_AT_ONCE, count)
+        # copied whole, then gap by gap; 512 rows of a block are some 2 MB, which stay in the cache meanwhile
         rows = np.empty(stop - start, dtype=f"V{len(row)}")
         rows[:] = np.void(bytes(row))
         cells = rows.view(row_type)
+        # digits as (rows * size, of_name) bytes, seen as one opaque value for each name
         numbers = np.ascontiguousarray(digits(np.arange(first + start * size, first + stop * size), of_name))
         names = numbers.view(f"V{of_name}").reshape(-1, size)
         for key, (local, column), format_ in zip(keys, fields, formats, strict=True):
@@ -192,9 +198,11 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
 
 def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
     """Numbers as texts of one width, padded with spaces on the left; same shape as `values`."""
+    # whole picometres: 64 bits hold 9,000 km of them
     scaled = np.rint(np.asarray(values, dtype=np.float64) * 10.0**decimals).astype(np.int64)
     negative = scaled.ravel() < 0
     size = np.abs(scaled).ravel()
+    # digits before the point of the largest value, at least the 0 of 0.5
     whole = max(len(str(int(size.max(initial=0)))) - decimals, 1)
     lead = whole + (1 if negative.any() else 0)
     written = digits(size, whole + decimals)
@@ -247,6 +255,7 @@ def context(w: Writer) -> Context:
     length = w.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
     angle = w.add("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))")
     solid = w.add("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())")
+    # readers join what is nearer than this: far above the last decimal, far below any edge of a texture
     uncertainty = w.add(f"UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE(1.E-06),{length},'distance_accuracy_value','')")
     geometry = w.add(
         "(GEOMETRIC_REPRESENTATION_CONTEXT(3)"
@@ -268,6 +277,7 @@ def product(w: Writer, shared: Context, name: str) -> tuple[str, str]:
 
 def coloured(w: Writer, shared: Context, solid: str, rgb: Rgb) -> None:
     """Give a solid a colour (ISO 10303-46)."""
+    # each entity only wraps the one before: colour, area, surface, side, usage, style, and the solid that has it
     colour = w.add(f"COLOUR_RGB('',{','.join(real(v) for v in rgb)})")
     area = w.add(f"FILL_AREA_STYLE_COLOUR('',{colour})")
     filled = w.add(f"FILL_AREA_STYLE('',({area}))")

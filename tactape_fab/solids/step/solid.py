@@ -69,9 +69,12 @@ def solid_step_chunks(
         element = cylinder_element(tape, wrap, flip=form.negative)
         base = CylinderBase(w, tape, form, wrap)
     size, count = len(element.template), tape.part_count
+    # the base's faces refer to the elements' bounds before these are written, so their numbers are fixed by an upper bound
     first = first_name(w.next + base.entities_to_come + MOST_OF_FRAME, count, size)
     faces = base.faces(element_bounds(first, element, base.tile_of_part))
     own = (first + np.arange(count)[:, None] * size + np.array(element.faces)).ravel()
+    # OCCT 7.6 gathers a shell by neighbours, and is quick if each face follows one: with the base before the elements
+    # FreeCAD 0.20 takes 4.9 s for 2,178 blocks, in another order 23.8 s
     shell = w.add(f"CLOSED_SHELL('',({wrapped_names([*faces, names(0, own)])}))")
     solid = w.add(f"MANIFOLD_SOLID_BREP('',{shell})")
     axes = w.placement((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
@@ -88,6 +91,7 @@ def solid_step_chunks(
 
 def element_bounds(first: int, element: ElementText, tile_of_part: IntArray) -> list[str]:
     """For each tile, the names of the bounds that its elements leave in it."""
+    # grouped by tile, in the parts' order within: slices of one long text, as each name is as wide
     order = np.argsort(tile_of_part, kind="stable")
     bounds = first + order * len(element.template) + element.bound
     width = len(f"#{first},")  # all names have as many digits
@@ -106,6 +110,7 @@ class FlatBase:
         self._vertices = {i: w.vertex(self._point(xy, 0.0)) for i, xy in enumerate(self._map.vertices_mm)}
         self._edges = [self._edge(edge, self._vertices, 0.0) for edge in self._map.edges]
         self.tile_of_part = self._map.tile_of_part
+        # an ORIENTED_EDGE for each step of a tile's loops; what stands below a step of a rim takes 28 entities or fewer
         steps = sum(len(loop) for tile in self._map.tiles for loop in tile) + 8 * sum(map(len, self._map.rims))
         self.entities_to_come = steps + 4 * len(self._map.tiles) + 20 * sum(map(len, self._map.rims)) + 50
         self.entities_to_come += entities_of_mark(self._mark)
@@ -135,6 +140,7 @@ class FlatBase:
         """All faces of the base, each listed after a neighbour: back, walls, tiles."""
         walls, back_loops = self._walls()
         sunk_loops, sunk = mark_faces(self._w, self._mark, self._back)
+        # the plane's normal is -z of the texture's own frame: out of a texture, into a mould, whose base lies above its cavities
         back = self._w.face([*back_loops, *sunk_loops], self._plane(self._back_mm, upward=False), same_sense=not self._flip)
         top = self._plane(0.0, upward=True)
         tiles = []
@@ -142,6 +148,7 @@ class FlatBase:
             outer, *inner = [self._loop([(self._edges[i], forward) for i, forward in loop]) for loop in loops]
             bounds = bounds_of_tile[tile] if tile < len(bounds_of_tile) else ""
             listed = [wrapped_names([bounds])] if bounds else []
+            # all tiles lie in one PLANE: coplanar faces that share edges, a valid shell
             tiles.append(self._w.face([outer, *inner], top, bounds=listed, same_sense=not self._flip))
         return [back, *sunk, *walls, *tiles]
 
@@ -175,6 +182,7 @@ class FlatBase:
         """A wall below each piece of outline and hole, and the loops of the back, the outline's first."""
         walls, back_loops = [], []
         for rim in self._map.rims:
+            # tile lines cut the top's rim, not the back's: one wall and one edge of the back for each whole side or corner
             groups = [list(g) for _, g in groupby(rim, key=lambda step: self._map.edges[step[0]].wall)]
             corners = [self._ends(group[0])[0] for group in groups]
             lower = {v: self._w.vertex(self._point(self._map.vertices_mm[v], self._back_mm)) for v in corners}
@@ -182,6 +190,7 @@ class FlatBase:
             back: list[tuple[str, bool]] = []
             for group, start, end in zip(groups, corners, [*corners[1:], corners[0]], strict=True):
                 edge, forward = self._back_edge(group, start, end, lower)
+                # as the rim runs at the back, up, against it at the top, down: the normal is on the rim's right, outward
                 steps = [(edge, forward), (rises[end], True)]
                 steps += [(self._edges[i], not f) for i, f in reversed(group)]
                 loop = self._loop([*steps, (rises[start], False)])
@@ -216,10 +225,12 @@ class FlatBase:
         if edge.arc is None:
             a, b = (np.array(self._map.vertices_mm[v]) for v in (edge.start, edge.end))
             along = (b - a) / np.linalg.norm(b - a)
+            # right of an edge with the material on its left; of a mould, too: walls keep their sides, only the loop turns over
             normal = self._turn @ (along[1], -along[0], 0.0)
             plane = self._w.placement(self._point((float(a[0]), float(a[1])), 0.0), normal, self._turn[:, 2])
             return self._w.face([loop], self._w.add(f"PLANE('',{plane})"))
         first = min((arc.start_rad for i, _ in group if (arc := self._map.edges[i].arc) is not None))
         axes = self._axes(edge.arc.centre_mm, 0.0, first)
         surface = self._w.add(f"CYLINDRICAL_SURFACE('',{axes},{real(edge.arc.radius_mm)})")
+        # the surface's normal points away from its axis: out of a rounded corner, into the material round a hole
         return self._w.face([loop], surface, same_sense=not edge.hole)

@@ -77,6 +77,7 @@ def top_map(tape: Tape, *, tiled: bool) -> TopMap:
     rounded corner, all move aside a little.
     """
     reach = np.array(reach_mm(tape.part)) + tape.displacement_mm
+    # room between a line half way and the next element, displaced or not; nudges take three quarters of it at most
     slack = np.maximum(tape.pitch_mm / 2 - reach, 0.0)
     x0, y0 = tape.board.texture_origin_mm
     columns = np.arange(CELLS_PER_TILE, tape.columns, CELLS_PER_TILE) - 0.5 if tiled else np.empty(0)
@@ -99,6 +100,7 @@ def _outline(board: Board) -> Iterator[tuple[Point, Point, Arc | None]]:
         if hypot(b[0] - a[0], b[1] - a[1]) > _LEAST_EDGE_MM / 2:
             yield a, b, None
         if r > 0.0:
+            # the corner after the bottom side turns from -90 deg to 0, and so on counter-clockwise
             arc = Arc(centre_mm=centre, radius_mm=r, start_rad=(k - 1) * pi / 2, end_rad=k * pi / 2)
             yield b, sides[(k + 1) % 4][0], arc
 
@@ -135,6 +137,7 @@ class _Drawing:
         for x, y, d in self.board.holes:
             circle = Arc(centre_mm=(x, y), radius_mm=d / 2, start_rad=0.0, end_rad=2 * pi)
             cuts = sorted(self._cuts_of_arc(circle, hole=True))
+            # a circle as one edge would begin and end in one vertex; two halves have ends that differ
             if not cuts:
                 cuts = [(0.0, self._vertex(circle.point(0.0))), (pi, self._vertex(circle.point(pi)))]
             for (a, start), (b, end) in zip(cuts, [*cuts[1:], (cuts[0][0] + 2 * pi, cuts[0][1])], strict=True):
@@ -149,6 +152,7 @@ class _Drawing:
             if min(a[axis], b[axis]) < place < max(a[axis], b[axis]):
                 point = (place, a[1]) if axis == 0 else (a[0], place)
                 vertex = self._vertex(point)
+                # the board is left of a side: a line that goes up enters over the bottom side (+x) and over the left one (-y)
                 self._cross(axis, line, point, vertex, into=forward if axis == 0 else not forward)
                 yield abs(place - a[axis]), vertex
 
@@ -156,15 +160,18 @@ class _Drawing:
         for axis, lines in ((0, self.xs), (1, self.ys)):
             centre, r = arc.centre_mm[axis], arc.radius_mm
             for line in range(bisect_left(lines, centre - r), bisect_left(lines, centre + r)):
+                # x = c + r cos or y = c + r sin of the angle: two angles for each line
                 ratio = min(max((lines[line] - centre) / r, -1.0), 1.0)
                 angles = (acos(ratio), 2 * pi - acos(ratio)) if axis == 0 else (asin(ratio), pi - asin(ratio))
                 for angle in angles:
+                    # counted from the arc's start; half open, so that no crossing belongs to two arcs
                     turned = arc.start_rad + (angle - arc.start_rad) % (2 * pi)
                     if turned >= arc.end_rad:
                         continue
                     x, y = arc.point(turned)
                     point = (lines[line], y) if axis == 0 else (x, lines[line])
                     vertex = self._vertex(point)
+                    # upward, a line leaves the board by the upper half of a corner's circle, but enters it by that of a hole's
                     upper = (sin(turned) if axis == 0 else cos(turned)) > 0.0
                     self._cross(axis, line, point, vertex, into=upper == hole)
                     yield turned, vertex
@@ -180,6 +187,7 @@ class _Drawing:
     def _spans(self, axis: int, line: int) -> list[tuple[float, int, float, int]]:
         """Pieces of a tile line inside the material: (from, vertex, to, vertex)."""
         cuts = sorted(self._on_line.get((axis, line), []))
+        # the gaps between, out to in, are holes
         return [(a, u, b, v) for (a, u, into), (b, v, out) in pairwise(cuts) if into == 1 and out == -1]
 
     def _line_edges(self) -> None:
@@ -187,6 +195,7 @@ class _Drawing:
         for line, x in enumerate(self.xs):
             for a, u, b, v in self._spans(0, line):
                 start = u
+                # lines along y make the vertices where two lines cross, those along x take them up below
                 for across in range(bisect_left(self.ys, a), bisect_left(self.ys, b)):
                     vertex = self._vertex((x, self.ys[across]))
                     crossings[across].append((x, vertex))
@@ -207,6 +216,7 @@ class _Drawing:
         import shapely
 
         points = shapely.points(np.array(self.vertices))
+        # each vertex finds itself: as many pairs as vertices mean that no two are near
         near = shapely.STRtree(points).query(points, predicate="dwithin", distance=_LEAST_EDGE_MM)
         turns = all([side for _, _, side in sorted(cuts)] == [1, -1] * (len(cuts) // 2) for cuts in self._on_line.values())
         return turns and near.shape[1] == len(points) and not self._touches()
@@ -227,6 +237,7 @@ class _Drawing:
         loops = self._loops()
         polygons = [self._polygon(loop) for loop in loops]
         areas = [_area(polygon) for polygon in polygons]
+        # traced with the material on the left: counter-clockwise round a tile, clockwise round a hole that no line cuts
         outer, inner = ([loop for loop, area in zip(loops, areas, strict=True) if area * s > 0.0] for s in (1, -1))
         tiles = [[loop] for loop in outer]
         find = _Finder([polygon for polygon, area in zip(polygons, areas, strict=True) if area > 0.0], self.xs, self.ys)
@@ -243,6 +254,7 @@ class _Drawing:
                 points.append(self.vertices[edge.start if forward else edge.end])
                 continue
             angles = np.linspace(edge.arc.start_rad, edge.arc.end_rad, _SAMPLES + 1)
+            # without its end, with which the next edge begins; chords will do for the sign of an area and the nearest tile
             points += [edge.arc.point(a) for a in (angles[:-1] if forward else angles[:0:-1]).tolist()]
         return points
 
@@ -259,6 +271,7 @@ class _Drawing:
         leaving: dict[int, list[tuple[float, Step]]] = {}
         for index, edge in enumerate(self.edges):
             for forward in (True, False):
+                # a line has a tile on both sides, a rim on one: on the left of the outline, on the right of a hole's circle
                 if edge.wall is None or forward != edge.hole:
                     vertex = edge.start if forward else edge.end
                     leaving.setdefault(vertex, []).append((self._direction(index, forward), (index, forward)))
@@ -274,6 +287,7 @@ class _Drawing:
                 edge = self.edges[step[0]]
                 vertex = edge.end if step[1] else edge.start
                 back = self._arrival(step) + pi
+                # clockwise from the way back; 1e-9 makes the way back itself the last choice, a full turn away
                 step = min(leaving[vertex], key=lambda row: (back - row[0] - 1e-9) % (2 * pi))[1]
             loops.append(loop)
         return loops
@@ -291,6 +305,7 @@ class _Drawing:
         for i, edge in enumerate(self.edges):
             if edge.hole:
                 rim.append((i, False))
+                # pieces of a hole follow each other in the list, counter-clockwise: the loop is closed where the first one began
                 if edge.end == self.edges[rim[0][0]].start:
                     rims.append(rim[::-1])
                     rim = []
@@ -320,6 +335,7 @@ class _Finder:
         self._tiles: dict[int, list[int]] = {}
         for tile, cell in enumerate(cells.tolist()):
             self._tiles.setdefault(cell, []).append(tile)
+        # holes and corners may part a cell of the lines into several tiles, or leave it without one
         count = np.bincount(cells, minlength=(len(xs) + 1) * (len(ys) + 1))
         self._only = np.full(len(count), -1)
         self._only[cells] = np.where(count[cells] == 1, np.arange(len(cells)), -1)
@@ -337,6 +353,7 @@ class _Finder:
             here = np.flatnonzero(cells == cell)
             tiles = self._tiles[cell]
             points = shapely.points(xy_mm[here])
+            # 0 inside; chords cut a little off arcs, so that a point beside one may lie in no polygon: the nearest is taken
             distance = np.array([shapely.distance(self._polygons[t], points) for t in tiles])
             found[here] = np.array(tiles)[distance.argmin(axis=0)]
         return found

@@ -68,15 +68,19 @@ def _block(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
     directions = [place.direction(t, (*d, 0.0)) for d in along]
     vectors = [t.add(f"VECTOR('',{d},1.)") for d in directions]
     up_vector = t.add(f"VECTOR('',{up},1.)")
+    # (tangential, along, distance from the axis): the surface is the circle t^2 + u^2 = R^2 in every cross section
     foot_points = [place.point(t, (x, y, np.sqrt(r**2 - x**2))) for x, y in corners]
     top_points = [place.point(t, (x, y, r + part.body_mm[2])) for x, y in corners]
     foot, top = [t.vertex(p) for p in foot_points], [t.vertex(p) for p in top_points]
     foot_edges = []
     for k in range(4):
+        # a side runs along (c, s) in the tangent plane; its plane, through the vertical, cuts the cylinder in an ellipse that is
+        # seen as the circle of radius R along the axis: half axes R (vertical) and R / |c| (along the side)
         c, s = along[k]
         if abs(c) < _SQUARE:
             curve = t.add(f"LINE('',{foot_points[k]},{vectors[k]})")
         else:
+            # where the side's line crosses t = 0: there its plane meets the cylinder's axis
             centre = place.point(t, (0.0, corners[k, 1] - corners[k, 0] * s / c, 0.0))
             # outward normal of side k is direction k - 1; an ellipse that runs from corner k to k + 1 looks inward
             axes = t.axes(centre, directions[(k + 1) % 4], directions[(k + 2) % 4])
@@ -98,9 +102,11 @@ def _dome(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
     t = ElementTemplate(flip=flip)
     up, down = place.direction(t, (0.0, 0.0, 1.0)), place.direction(t, (0.0, 0.0, -1.0))
     east, north = place.direction(t, (1.0, 0.0, 0.0)), place.direction(t, (0.0, 1.0, 0.0))
+    # a clamped spline begins in its first control point, at direction 0: on the tangent, where the cone's seam is
     controls, knots, multiplicities = closed_spline(foot_loop_mm(part, r, _SAMPLES))
     names = [place.point(t, point) for point in controls]
     start = t.vertex(names[0])
+    # degree, controls, form, closed, not self-intersecting, multiplicities, knots, form of the knots
     spline = t.add(
         f"B_SPLINE_CURVE_WITH_KNOTS('',{_SPLINE_DEGREE},({','.join(names)}),.UNSPECIFIED.,.T.,.F.,"
         f"({','.join(map(str, multiplicities))}),({','.join(map(real, knots))}),.UNSPECIFIED.)"
@@ -110,6 +116,7 @@ def _dome(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
     if part.top_mm is None:
         sphere_mm = sphere_radius_mm(part)
         centre = t.axes(place.point(t, (0.0, 0.0, r + height_mm - sphere_mm)), north, down)
+        # the sphere's poles are turned along the cylinder, its seam downward: the cap has neither, and needs no edge for them
         faces: tuple[int, ...] = (t.face([(foot, True)], t.add(f"SPHERICAL_SURFACE('',{centre},{real(sphere_mm)})")),)
     else:
         top_mm = part.top_mm / 2
@@ -138,6 +145,7 @@ def closed_spline(samples: FloatArray) -> tuple[FloatArray, list[float], list[in
     Returns knots.
     Returns multiplicities.
     """
+    # degree 5: twice the spans leave a 64th of the error
     for spans in _SPLINE_SPANS:
         controls, error_mm = _interpolated(samples, spans)
         if error_mm < _SPLINE_ERROR_MM:
@@ -149,13 +157,16 @@ def closed_spline(samples: FloatArray) -> tuple[FloatArray, list[float], list[in
 def _interpolated(samples: FloatArray, spans: int) -> tuple[FloatArray, float]:
     """Control points for a number of spans, and the largest distance from the curve in the middles of the spans."""
     p = _SPLINE_DEGREE
+    # clamped, so spans + p functions; as many conditions: spans + 1 places and two derivatives at each of two ends
     knots = np.concatenate([np.zeros(p), np.arange(spans + 1), np.full(p, spans)]).astype(np.float64)
     steps, ends = np.arange(spans + 1, dtype=np.float64), np.array([0.0, float(spans)])
     rows = [_basis(knots, steps, 0), _basis(knots, ends, 1), _basis(knots, ends, 2)]
     values = [_on_curve(samples, places, spans, order) for places, order in ((steps, 0), (ends, 1), (ends, 2))]
     controls: FloatArray = np.linalg.solve(np.vstack(rows), np.vstack(values))
+    # both ends are the same place but for rounding: one vertex must be enough
     controls[-1] = controls[0]
     middles = steps[:-1] + 0.5
+    # the error of an interpolating spline is largest about the middles between its knots
     off = _basis(knots, middles, 0) @ controls - _on_curve(samples, middles, spans, 0)
     return controls, float(np.linalg.norm(off, axis=1).max())
 
@@ -164,9 +175,11 @@ def _on_curve(samples: FloatArray, places: FloatArray, period: float, derivative
     """A closed curve through samples at equal steps, or a derivative of it, by its Fourier series; shape (places, 3)."""
     wave = np.fft.rfft(samples, axis=0)
     order = np.arange(len(wave))
+    # a derivative multiplies rounding noise by the order, up to 256, the second one by its square
     wave[np.abs(wave).max(axis=1) < 1e-15 * np.abs(wave).max()] = 0.0
     rate = 2j * pi / period
     phase = np.exp(rate * np.outer(places, order))
+    # real signal: negative orders double all but the mean (and the highest order, which is nothing for a smooth curve)
     weight = np.where(order == 0, 1.0, 2.0) * (rate * order) ** derivative
     value: FloatArray = np.real(phase @ (weight[:, None] * wave)) / len(samples)
     return value
@@ -181,10 +194,12 @@ def _basis(knots: FloatArray, places: FloatArray, derivative: int, degree: int =
         with np.errstate(divide="ignore", invalid="ignore"):
             a = np.where(knots[i + degree] > knots[i], degree / (knots[i + degree] - knots[i]), 0.0)
             b = np.where(knots[i + degree + 1] > knots[i + 1], degree / (knots[i + degree + 1] - knots[i + 1]), 0.0)
+        # N'_i,p = p N_i,p-1 / (u_i+p - u_i) - p N_i+1,p-1 / (u_i+p+1 - u_i+1); terms over an empty span count as 0
         slopes: FloatArray = a * lower[:, :-1] - b * lower[:, 1:]
         return slopes
     if degree == 0:
         inside = (knots[:-1] <= places[:, None]) & (places[:, None] < knots[1:])
+        # spans are half open; the end of the last one belongs to it, or all functions would be 0 there
         last = int(np.flatnonzero(knots[:-1] < knots[1:])[-1])
         inside[places == knots[-1], last] = True
         return inside.astype(np.float64)
@@ -194,5 +209,6 @@ def _basis(knots: FloatArray, places: FloatArray, derivative: int, degree: int =
         up = np.where(knots[i + degree] > knots[i], (places[:, None] - knots[i]) / (knots[i + degree] - knots[i]), 0.0)
         down_span = knots[i + degree + 1] - knots[i + 1]
         down = np.where(down_span > 0, (knots[i + degree + 1] - places[:, None]) / down_span, 0.0)
+    # N_i,p = (u - u_i) N_i,p-1 / (u_i+p - u_i) + (u_i+p+1 - u) N_i+1,p-1 / (u_i+p+1 - u_i+1)
     value: FloatArray = up * lower[:, :-1] + down * lower[:, 1:]
     return value

@@ -123,6 +123,7 @@ def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatA
     length = float(np.linalg.norm(direction))
     if direction.shape != (3,) or not np.isfinite(length) or length == 0:
         raise SpecError(f"up = {shown} is no direction; give three numbers, not all zero")
+    # board y x normal = board x, as x, y and the normal are right-handed
     x = np.cross(direction / length, normal)
     if np.linalg.norm(x) < 1e-3:
         at = ", ".join(f"{v:.3f}" for v in normal)
@@ -132,10 +133,13 @@ def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatA
 
 def turned(vectors: FloatArray, old: FloatArray, new: FloatArray) -> FloatArray:
     """Vectors taken along by the smallest turn that takes normal `old` to `new`, and laid at right angles to it; (n, 3)."""
+    # Rodrigues' formula with a = k sin = old x new: v cos + a x v + a (a . v) (1 - cos) / sin^2, whose last factor is
+    # 1 / (1 + cos); bounded beyond 120 deg, by which no step of a way turns
     axis = np.cross(old, new)
     cosine = np.einsum("ij,ij->i", old, new)[:, None]
     along = np.einsum("ij,ij->i", axis, vectors)[:, None]
     moved = vectors * cosine + np.cross(axis, vectors) + axis * (along / (1.0 + np.maximum(cosine, -0.5)))
+    # thousands of small turns add up their rounding: without this the axes would leave the tangent plane
     moved -= new * np.einsum("ij,ij->i", moved, new)[:, None]
     return unit(moved)
 

@@ -48,6 +48,7 @@ class Developable:
         if self.kind == "plane":
             return np.stack([x, y], axis=1)
         v = z / cos(self.half_angle_rad) if self.kind == "cone" else z
+        # v of a cone is measured along its generatrix, not along its axis: z = v cos(half angle), as in OCCT's gp_Cone
         return np.stack([np.arctan2(y, x), v], axis=1)
 
     def roll(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
@@ -74,6 +75,7 @@ class Developable:
         return c * self.axes[0] + s * self.axes[1], c * self.axes[1] - s * self.axes[0]
 
     def _on_cylinder(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
+        # an arc of length s turns by s / R; along the axis nothing changes
         end = uv + flat_mm / (self.radius_mm, 1.0)
         away, around = self._around(end[:, 0])
         points = self.origin_mm + self.radius_mm * away + end[:, 1:] * self.axes[2]
@@ -81,14 +83,20 @@ class Developable:
 
     def _on_cone(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
         sine, cosine = sin(self.half_angle_rad), cos(self.half_angle_rad)
+        # rolled out flat a cone is a sector: slant length L = radius / sin from the apex, angle u sin, of the half angle's sine
         narrow = abs(sine)
         start_mm = (self.radius_mm + uv[:, 1] * sine) / narrow
+        # the flat step begins at (L, 0) of the sector; polar coordinates of its end give the slant length and the turn there
         reach, side = start_mm + flat_mm[:, 0], flat_mm[:, 1]
         slant, turn = np.hypot(reach, side), np.arctan2(side, reach)
+        # back on the cone: radius = slant sin, and radius = radius_mm + v sin
         u, v = uv[:, 0] + turn / narrow, (slant * narrow - self.radius_mm) / sine
         away, around = self._around(u)
         points = self.origin_mm + (slant * narrow)[:, None] * away + (v * cosine)[:, None] * self.axes[2]
+        # along the generatrix away from the apex, which lies below where the half angle is positive
         down = narrow * away + np.sign(sine) * cosine * self.axes[2]
         c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        # square to the generatrix (sine, cosine) in the plane of (away, axis)
         normal = cosine * away - sine * self.axes[2]
+        # flat x and y seen from polar coordinates at the angle `turn`: e_x = c e_r - s e_phi, e_y = s e_r + c e_phi
         return Places(np.stack([u, v], axis=1), points, c * down - s * around, s * down + c * around, normal)

@@ -57,10 +57,13 @@ def fuse_mesh(host: Mesh, laid: LaidOut, progress: Progress = lambda *_: None, *
         raise SpecError(f"SURFACE is refused by the boolean engine ({base.status().name}); repair it and export it again")
     elements = _elements(laid)
     bodies = len(base.decompose())
+    # composed without a boolean: elements that overlap are refused before (`collisions`)
     above = m3.Manifold.compose(elements) - base
     _refuse_poking_out(above, laid, chord_error_mm)
     size = float(np.ptp(host.vertices_mm, axis=0).max())
+    # one solid for each element: as one mesh, elements that overlap give a wrong solid, watertight and of two or three bodies
     union = m3.Manifold.batch_boolean([base, *elements], m3.OpType.Add)
+    # a valid, watertight result is no proof: a union has the volume of the part and of what stands out of it
     got, expected = float(union.volume()), float(base.volume() + above.volume())
     if abs(got - expected) > _VOLUME_ERROR * expected:
         raise TactapeError(f"the fused solid has {got:.4f} mm3 instead of {expected:.4f} mm3; {_REPORT}")
@@ -68,6 +71,7 @@ def fuse_mesh(host: Mesh, laid: LaidOut, progress: Progress = lambda *_: None, *
     # the engine keeps short edges where surfaces of different origin meet; a manifold made anew has no such origins
     mesh = _settled(_manifold(mesh).simplify(_MOST_MOVED * size))
     result = _manifold(mesh)
+    # rounding to the grid can make a thin place touch itself, so the rounded mesh is what is judged
     if result.status() != m3.Error.NoError or len(result.decompose()) != bodies:
         raise TactapeError(f"the fused solid falls into {len(result.decompose())} bodies instead of {bodies}; {_REPORT}")
     progress("fusing", count, count)
@@ -91,6 +95,7 @@ def _elements(laid: LaidOut) -> list[Any]:
     solids = []
     for points, turn, sink in zip(frames.points_mm, axes, laid.sink_mm, strict=True):
         vertices, faces = closed_element(laid.tape.part, float(sink))
+        # rows of `turn` are the directions of the element's frame: local rows times it are model coordinates
         solids.append(_manifold(Mesh(vertices_mm=vertices @ turn + points, faces=faces)))
     return solids
 
@@ -100,6 +105,7 @@ def _facet_loss_mm3(part: TapePart) -> float:
     rings = element_rings_mm(part)
     vertices, faces = closed_element(part, SINK_MM)
     buried_mm3 = area_mm2(rings[0, :, :2]) * SINK_MM
+    # chords of a dome's circles and meridians; 0 of a block. The buried part has straight sides
     return element_volume_mm3(part) - (Mesh(vertices_mm=vertices, faces=faces).volume_mm3 - buried_mm3)
 
 
@@ -117,6 +123,7 @@ def _pieces(solid: Any) -> tuple[FloatArray, FloatArray]:
     np.minimum.at(low, label, points)
     np.maximum.at(high, label, points)
     middles: FloatArray = (low + high) / 2
+    # about each piece's own middle: pieces of 0.05 mm3 lie hundreds of millimetres from the origin
     a, b, c = np.moveaxis((points - middles[label])[faces], 1, 0)
     volumes = np.bincount(label[faces[:, 0]], weights=np.einsum("ij,ij->i", a, np.cross(b, c)) / 6, minlength=count)
     return np.asarray(volumes, dtype=np.float64), middles
@@ -126,10 +133,12 @@ def _refuse_poking_out(above: Any, laid: LaidOut, chord_error_mm: float) -> None
     """Each element must show above the surface as one piece of the volume that it has there."""
     volumes, middles = _pieces(above)
     tops = laid.elements.points_mm + laid.elements.normal * (laid.tape.part.body_mm[2] / 2)
+    # a piece is an element's whose half height is nearest; pieces of an element that a surface cuts through count as several
     _, owner = nearest(tops, middles)
     total = np.bincount(owner, weights=volumes, minlength=len(tops))
     number = np.bincount(owner, minlength=len(tops))
     expected = laid.volume_mm3 - _facet_loss_mm3(laid.tape.part)
+    # a mesh within the chord error of the face shifts the surface under the whole foot by so much
     allowed = laid.volume_error_mm3 + foot_area_mm2(laid.tape.part) * chord_error_mm
     wrong = (number != 1) | (np.abs(total - expected) > allowed)
     if wrong.any():
@@ -148,12 +157,15 @@ def _settled(solid: Any) -> Mesh:
     """A manifold as a mesh on a grid of float32's coordinates, in an order that its geometry alone decides."""
     raw = solid.to_mesh64()
     points = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3] / _GRID_MM
+    # the grid's step is a power of two: products with it are exact, and near the origin it is coarser than float32's own
     points = (points.round() * _GRID_MM).astype(np.float32).astype(np.float64) + 0.0
     faces = np.asarray(raw.tri_verts, dtype=np.int64)
     unique, place = np.unique(points, axis=0, return_inverse=True)
     faces = place.reshape(-1)[faces]
+    # a triangle two of whose corners became one has no area, and its neighbours meet without it
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     first = faces.argmin(axis=1)
+    # each triangle from its least vertex on, then all sorted: the same mesh is the same bytes
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     faces = faces[np.lexsort(faces.T[::-1])]
     used, faces = np.unique(faces, return_inverse=True)

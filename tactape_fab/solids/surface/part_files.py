@@ -93,6 +93,7 @@ def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
 
 def welded(vertices: FloatArray, faces: IntArray) -> Mesh:
     """Equal vertices as one, along open edges also those that only rounding parts; no triangle that runs through one twice."""
+    # equal corners first. Of open edges alone also near ones, as in a closed mesh details may be as fine as the grain
     points, _, place = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     mesh = _without_slits(Mesh(vertices_mm=points, faces=place.reshape(-1)[faces]))
     border = _border(mesh.faces)
@@ -117,6 +118,7 @@ def _clusters(points: FloatArray, within_mm: float) -> IntArray:
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
+    # asked first, as a crowd of n points has n^2 pairs to list
     if tree.count_neighbors(tree, within_mm) > _MOST_NEAR * len(points):
         raise SpecError(f"SURFACE has thousands of open edges within {within_mm:.3g} mm; repair it and export it again")
     a, b = tree.query_pairs(within_mm, output_type="ndarray").T
@@ -129,6 +131,7 @@ def _clusters(points: FloatArray, within_mm: float) -> IntArray:
 
 def _edge_keys(faces: IntArray) -> tuple[IntArray, IntArray]:
     """Keys of the directed edges of all triangles and of their opposites; shape (f * 3,) each, edge i after corner i."""
+    # an edge (a, b) as one number, so that sorting and comparing need no rows
     a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     count = int(faces.max()) + 1 if len(faces) else 1
     return a * count + b, b * count + a
@@ -137,6 +140,7 @@ def _edge_keys(faces: IntArray) -> tuple[IntArray, IntArray]:
 def _border(faces: IntArray) -> IntArray:
     """Vertices of the edges that only one triangle has."""
     forward, backward = _edge_keys(faces)
+    # the smaller of the two keys is the same from both sides
     undirected, count = np.unique(np.minimum(forward, backward), return_counts=True)
     single = undirected[count == 1]
     vertices = int(faces.max()) + 1 if len(faces) else 1
@@ -156,6 +160,7 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
         raise SpecError(f"SURFACE is not watertight: {open_edges} of its {len(count)} edges are open; {repair}")
     if crowded:
         raise SpecError(f"SURFACE is no simple solid: {crowded} edges belong to more than two triangles; {repair}")
+    # every edge is between two triangles here: if both run through it the same way, one of them faces the other way
     if len(np.unique(forward)) != len(forward):
         turned = len(forward) - len(np.unique(forward))
         raise SpecError(f"SURFACE has triangles that face opposite ways: {turned} edges are run through twice; {repair}")
@@ -163,6 +168,7 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
     if cuts:
         near = ", ".join(f"{v:.2f}" for v in at_mm)
         raise SpecError(f"SURFACE cuts itself: {cuts} pairs of triangles cross, first near ({near}) mm; {repair}")
+    # before the sign, which of a flat mesh is that of rounding
     if abs(mesh.volume_mm3) <= _LEAST_VOLUME * float(np.ptp(mesh.vertices_mm, axis=0).max()) ** 3:
         raise SpecError("SURFACE encloses no volume: all of it is flat; give a closed mesh of a solid")
     if mesh.volume_mm3 < 0:
@@ -184,6 +190,7 @@ def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[f
         problem = f"SURFACE is {shown} mm, larger than {MOST_SIZE_MM:g} mm"
     elif largest < LEAST_SIZE_MM:
         problem = f"SURFACE is {shown} mm, smaller than {LEAST_SIZE_MM:g} mm"
+    # a plane section of a convex body of diagonal D is at most pi D long: once round, and no more
     elif np.pi * np.linalg.norm(size_mm) < reach:
         problem = f"SURFACE is {shown} mm, smaller than the texture of {texture_mm[0]:.4g} x {texture_mm[1]:.4g} mm"
     else:
@@ -194,6 +201,7 @@ def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[f
             name
             for name, mm in UNITS_MM.items()
             if name != unit
+            # of the other units those in which the model would be large enough for the texture, and of a usual size
             and reach / np.pi < largest * mm / UNITS_MM[unit]
             and 10 < largest * mm / UNITS_MM[unit] <= MOST_SIZE_MM
         ]
@@ -211,6 +219,7 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
     Raises SpecError if so many triangles lie within each other's reach that looking at all pairs would take minutes.
     """
     corners = mesh.corners_mm
+    # the grain of float32 coordinates: what crosses by less may be rounding
     tolerance = 1e-6 * float(np.ptp(mesh.vertices_mm, axis=0).max())
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
@@ -218,7 +227,9 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
     found = looked_at = 0
     first = np.zeros(3)
     for near in _box_pairs(corners, tolerance):
+        # an edge that goes through a triangle's inside has its ends on both sides of that plane: most pairs end here
         pairs = near[:, _across(corners, normals, near, tolerance) | _across(corners, normals, near[::-1], tolerance)]
+        # triangles with a common edge meet there and in no other point, unless they lie in one plane
         shared = (mesh.faces[pairs[0]][:, :, None] == mesh.faces[pairs[1]][:, None, :]).sum(axis=(1, 2))
         a, b = pairs[:, shared < 2]
         looked_at += len(a)
@@ -252,6 +263,7 @@ def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
 
     low, high = corners.min(axis=1), corners.max(axis=1)
     extent = high - low
+    # the least area of all boxes together means the fewest that overlap by chance
     depth = int(np.argmin([(np.delete(extent, k, axis=1) + tolerance).prod(axis=1).sum() for k in range(3)]))
     u, v = (k for k in range(3) if k != depth)
     boxes = shapely.box(low[:, u], low[:, v], high[:, u], high[:, v])
@@ -280,8 +292,10 @@ def _pierces(start: FloatArray, end: FloatArray, triangle: FloatArray, tolerance
     over = np.einsum("ij,ij->i", start - a, unit)
     under = np.einsum("ij,ij->i", end - a, unit)
     through = (np.minimum(over, under) < -tolerance) & (np.maximum(over, under) > tolerance) & (area > 0)
+    # heights over the plane fall linearly from `over` to `under`: the share to 0 is over / (over - under)
     at = start + (end - start) * (over / np.where(through, over - under, 1))[:, None]
     for p, q in ((a, b), (b, c), (c, a)):
+        # square to the side, into the triangle, as long as the side: distance from it times that length
         inward = np.cross(unit, q - p)
         length = np.linalg.norm(inward, axis=1)
         through &= np.einsum("ij,ij->i", at - p, inward) > tolerance * length

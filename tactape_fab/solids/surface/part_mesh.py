@@ -49,6 +49,7 @@ class Facets:
         """Change of each barycentric coordinate with the place, in the facet's plane; shape (f, 3, 3), 1/mm."""
         a, b, c = np.moveaxis(self.corners, 1, 0)
         area2 = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        # coordinate i falls from 1 at corner i to 0 on the opposite edge e: its gradient is n x e / 2A, of length 1 / height
         opposite = np.stack([c - b, a - c, b - a], axis=1)
         inward = np.cross(self.normals[:, None], opposite)
         scaled: FloatArray = inward / np.where(area2 > 0, area2, np.inf)[:, None, None]
@@ -60,6 +61,7 @@ class Facets:
         faces = self.mesh.faces
         start, end = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
         count = len(self.mesh.vertices_mm)
+        # in a closed, oriented mesh the neighbour runs through the same edge the other way: key (end, start)
         order = np.argsort(start * count + end)
         other = order[np.searchsorted(start * count + end, end * count + start, sorter=order)]
         return (other // 3).reshape(-1, 3), (other % 3).reshape(-1, 3)
@@ -84,8 +86,11 @@ class Facets:
         angle = np.arccos(np.clip(np.einsum("ijk,ijk->ij", forward, backward), -1, 1)).ravel()
         vertex = self.mesh.faces.ravel()
         area = np.repeat(np.linalg.norm(np.cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0]), axis=1), 3)
+        # a facet's area over the mean area of the facets about that vertex
         share = area * (np.bincount(vertex) / np.maximum(np.bincount(vertex, weights=area), 1e-300))[vertex]
+        # 1 within the usual shares; beyond them the square of how far beyond
         weight = angle * (share / np.clip(share, *_USUAL_SHARE)) ** 2
+        # corners in the order of their vertices, so that those about one vertex are a slice from `first`, `size` long
         order = np.argsort(vertex, kind="stable")
         first = np.searchsorted(vertex[order], np.arange(len(self.mesh.vertices_mm)))
         size = np.diff(np.append(first, len(order)))
@@ -97,17 +102,20 @@ class Facets:
             other = order[first[vertex[corner]] + k]
             close = np.einsum("ij,ij->i", own[corner], own[other]) > cos(radians(CREASE_DEG))
             total[corner] += np.where(close, weight[other], 0.0)[:, None] * own[other]
+        # a facet without area has no normal, so it is near none, not even itself
         total = np.where(np.linalg.norm(total, axis=1, keepdims=True) > 0, total, own)
         return unit(total).reshape(-1, 3, 3)
 
     def barycentric(self, facet: IntArray, points_mm: FloatArray) -> FloatArray:
         """Barycentric coordinates of points about the facets' planes; shape (n, 3)."""
+        # coordinate i is 0 at the next corner: gradient times the way from there
         from_corner = points_mm[:, None] - np.roll(self.corners[facet], -1, axis=1)
         weights: FloatArray = np.einsum("ijk,ijk->ij", self.gradients[facet], from_corner)
         return weights
 
     def smooth_normals(self, facet: IntArray, weights: FloatArray) -> FloatArray:
         """Normals interpolated between a facet's corners; shape (n, 3)."""
+        # at an edge rounding may leave a coordinate a little below 0
         inside = np.clip(weights, 0.0, 1.0)
         return unit(np.einsum("ij,ijk->ik", inside, self.corner_normals[facet]))
 
@@ -115,6 +123,7 @@ class Facets:
         """Facet nearest to a point, the nearest place on it, and the distance."""
         a = self.corners
         weights = self.barycentric(np.arange(len(a)), np.broadcast_to(point_mm, (len(a), 3)))
+        # the point projected onto each plane counts where it falls into the triangle; else the nearest is on one of its edges
         foot = np.einsum("ij,ijk->ik", weights, a)
         inside = (weights >= 0).all(axis=1) & (np.linalg.norm(self.normals, axis=1) > 0)
         least, best = np.where(inside, np.linalg.norm(foot - point_mm, axis=1), np.inf), foot
@@ -134,13 +143,16 @@ class Facets:
         a, b, c = np.moveaxis(self.corners, 1, 0)
         middle = self.mesh.vertices_mm.mean(axis=0)
         volume = np.einsum("ij,ij->i", a - middle, np.cross(b - middle, c - middle))
+        # signed tetrahedra from one point: the centroid of each is a fourth of the sum of its corners
         centroid = middle + ((a + b + c - 3 * middle) / 4 * volume[:, None]).sum(axis=0) / volume.sum()
         xy = [p[:, :2] - centroid[:2] for p in (a, b, c)]
+        # from above, about the centroid: twice the areas opposite each corner, all positive where the triangle is over it
         crossed = [p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((xy[1], xy[2]), (xy[2], xy[0]), (xy[0], xy[1]))]
         area2 = sum(crossed)
         scale = 1e-9 * np.ptp(self.mesh.vertices_mm, axis=0).max() ** 2
         over = (np.stack(crossed) >= -scale).all(axis=0) & (area2 > scale)
         if over.any():
+            # barycentric coordinates are those areas over their sum
             height = sum(w[over] * p[over, 2] for w, p in zip(crossed, (a, b, c), strict=True)) / area2[over]
             return np.array([centroid[0], centroid[1], height.max()])
         return np.array([centroid[0], centroid[1], self.mesh.vertices_mm[:, 2].max()])
@@ -187,6 +199,7 @@ class MeshChart:
         count, points = len(frames.points_mm), len(outline_mm)
         start = frames[np.repeat(np.arange(count), points)]
         end = self.walk(start, np.tile(outline_mm, (count, 1)))
+        # a way as long as the offset s ends short of the point under it: on a sphere the height is (s / R)^2 / 3 of it too small
         height = np.einsum("ij,ij->i", end.points_mm - start.points_mm, start.normal)
         return height.reshape(count, points), end.arrived.reshape(count, points)
 
@@ -226,6 +239,7 @@ class _Way:
     def go(self, length_mm: FloatArray) -> None:
         """Walk on until `length_mm` is behind each, or the surface's end is reached."""
         for _ in range(_MOST_STEPS):
+            # all walks take one step at a time together: a step crosses one facet of each
             under_way = np.flatnonzero(~self.blocked & (length_mm - self.walked > 1e-9))
             if not len(under_way):
                 return
@@ -242,20 +256,27 @@ class _Way:
         weights = facets.barycentric(facet, self.point[who])
         self._turn(who, weights)
         normal, x = self.normal[who], self.x[who]
+        # straight ahead: fixed numbers in axes that are carried along, the discrete form of a geodesic
         course = self.course[who, :1] * x + self.course[who, 1:] * np.cross(normal, x)
         plane = facets.normals[facet]
         lean = np.einsum("ij,ij->i", normal, plane)
+        # the course laid into the facet's plane along the smooth normal, so that seen along it a way does not bend at facets;
+        # the bound keeps a facet that stands nearly upright from throwing the way far off
         along = unit(course - normal * (np.einsum("ij,ij->i", course, plane) / np.maximum(lean, 0.2))[:, None])
+        # change of each barycentric coordinate per mm: the edge opposite corner i is reached after weight_i / -rate_i
         rate = np.einsum("ijk,ik->ij", facets.gradients[facet], along)
         leaving = rate < 0
+        # on the edge just crossed the coordinate is 0 but for rounding, and might lead back at once
         entered = self.entry[who]
         leaving[entered >= 0, entered[entered >= 0]] = False
         exits = np.where(leaving, np.maximum(weights, 0.0) / np.where(leaving, -rate, 1.0), np.inf)
         corner = exits.argmin(axis=1)
         reach = exits[np.arange(len(who)), corner]
+        # large facets are crossed in several steps, as the normals turn inside them too
         step = np.minimum(np.minimum(reach, left_mm), _LONGEST_STEP_MM)
         self.point[who] += along * step[:, None]
         self.walked[who] += step
+        # no edge ahead: a facet without area, whose gradients are 0
         inside = (reach > step) | (reach == np.inf)
         at_edge, corner = who[~inside], corner[~inside]
         ends = facets.creased[self.facet[at_edge], corner]
@@ -264,6 +285,7 @@ class _Way:
         other, entry = facets.neighbours
         old = self.facet[at_edge]
         self.facet[at_edge], self.entry[at_edge] = other[old, corner], entry[old, corner]
+        # axes belong to the end of a way, those of `_turn` above to the begin of its last step
         arrived = who[left_mm - step <= 1e-9]
         self._turn(arrived, facets.barycentric(self.facet[arrived], self.point[arrived]))
 

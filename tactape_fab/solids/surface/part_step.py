@@ -111,10 +111,12 @@ class StepModel:
         solids = fused.solids()
         if len(solids) != 1:
             problems.append(f"it falls into {len(solids)} solids")
+        # OCCT's fuse may be valid and wrong: volume, solids and faces are all counted
         expected = float(self.solid.volume + laid.volume_mm3.sum())
         allowed = float(laid.volume_error_mm3.sum()) + _VOLUME_ERROR * expected
         if abs(fused.volume - expected) > allowed:
             problems.append(f"it has {fused.volume:.4f} mm3 instead of {expected:.4f} mm3")
+        # an element adds its own faces and a hole in the user's face, which stays one
         faces = len(self.faces) + laid.tape.part_count * _faces_of(laid.tape.part)
         if len(fused.faces()) != faces:
             problems.append(f"it has {len(fused.faces())} faces instead of {faces}")
@@ -192,10 +194,12 @@ def _element(part: TapePart, sink_mm: float) -> Any:
     # the flank goes on below the foot: a rim at the foot's height would touch a cylinder in two points, which OCCT gets wrong
     top = 0.0 if part.top_mm is None else part.top_mm / 2
     if part.top_mm is not None:
+        # the flank's line, continued to the depth of the sink
         below, rim = sink_mm, length / 2 + (length / 2 - top) / height * sink_mm
         flank = bd.Edge.make_line((rim, 0, -below), (top, 0, height))
     else:
         sphere, middle = sphere_radius_mm(part), height - sphere_radius_mm(part)
+        # not below the sphere's equator, where the flank would lean inward: straight down from there
         below = min(sink_mm, -middle)
         rim, waist = sqrt(sphere**2 - (below + middle) ** 2), (height - below) / 2
         on_flank = (sqrt(sphere**2 - (waist - middle) ** 2), 0, waist)
@@ -259,6 +263,7 @@ class FaceChart:
             near, distance = _nearest(face, wanted)
             refuse_off_surface(wanted, near, distance, float(model.size_mm.max()))
             start = surface.parameters(near[None])
+        # the developed surface has its normal away from the axis, the face's own may point the other way, as in a bore
         place = surface.roll(start, np.zeros((1, 2)))
         outward = face.normal_at(tuple(place.points_mm[0].tolist()))
         self.sense = copysign(1.0, float(place.normal[0] @ np.array([outward.X, outward.Y, outward.Z])))
@@ -281,6 +286,7 @@ class FaceChart:
         x_axis = turn[:, 0, :1] * places.first + turn[:, 0, 1:] * places.second
         walked = np.hypot(offset_mm[:, 0], offset_mm[:, 1])
         lost = np.flatnonzero(~arrived)
+        # how far a way gets that ends outside, to a millionth of it; one border is assumed on the way
         low, high = np.zeros(len(lost)), np.ones(len(lost))
         for _ in range(_HALVINGS if len(lost) else 0):
             middle = (low + high) / 2
@@ -309,6 +315,7 @@ class FaceChart:
         uv = self.surface.parameters(start.points_mm)
         here = self.surface.roll(uv, np.zeros_like(uv))
         flat = np.stack([here.first, here.second], axis=1)
+        # components of board x and y along the surface's flat axes: rolling out keeps angles, so they hold all the way
         turn = np.einsum("nbi,nfi->nbf", np.stack([start.x_axis, start.y_axis], axis=1), flat)
         return self.surface.roll(uv, np.einsum("nb,nbf->nf", offset_mm, turn)), turn
 
@@ -320,6 +327,7 @@ class FaceChart:
         middle: FloatArray = np.array([[(u0 + u1) / 2, (v0 + v1) / 2]])
         if self._inside(middle)[0]:
             return middle
+        # middles of 25 x 25 cells of the parameters' range; of those on the face the one farthest from any off it
         part = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
         u, v = (a.ravel() for a in np.meshgrid(u0 + part * (u1 - u0), v0 + part * (v1 - v0), indexing="ij"))
         samples = np.stack([u, v], axis=1)
@@ -357,6 +365,7 @@ def _classifier(face: Any) -> Any:
     from OCP.IntTools import IntTools_FClass2d
     from OCP.TopAbs import TopAbs_State
 
+    # in parameters, so that no point has to be projected; built once for a face
     classes = IntTools_FClass2d(face.wrapped, 1e-7)
 
     def is_inside(u: float, v: float) -> bool:

@@ -32,6 +32,7 @@ _FLAT = 2e-3
 def pitch_errors(tape: Tape, grid: Frames, offset_mm: FloatArray) -> tuple[FloatArray, float]:
     """Errors of the pitch between all neighbouring grid points, and the radius of the first that is too large."""
     index = np.arange(tape.rows * tape.columns).reshape(tape.rows, tape.columns)
+    # every grid point with its neighbour on the right and with the one below
     a = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
     b = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
     whole = grid.arrived[a] & grid.arrived[b]
@@ -54,6 +55,7 @@ def too_distorted(errors: FloatArray, radius_mm: float) -> tuple[float, str]:
 def _arc_mm(a: Frames, b: Frames) -> FloatArray:
     """Distance of places along the surface: the chord, as an arc that turns as far as the normals do."""
     chord = np.linalg.norm(a.points_mm - b.points_mm, axis=1)
+    # two unit vectors at an angle t are 2 sin(t / 2) apart; on a circle chord = 2 R sin(t / 2) and arc = R t, hence the ratio
     half = np.arcsin(np.clip(np.linalg.norm(a.normal - b.normal, axis=1) / 2, 0.0, 1.0))
     arc: FloatArray = chord * np.where(half > 1e-6, half / np.where(half > 1e-6, np.sin(half), 1.0), 1.0)
     return arc
@@ -79,15 +81,18 @@ def folds(tape: Tape, grid: Frames, offset_mm: FloatArray) -> tuple[float, str]:
     whole = grid.arrived[corner] & grid.arrived[right] & grid.arrived[below]
     corner, right, below = corner[whole], right[whole], below[whole]
     points = grid.points_mm
+    # rows go down the board: -y x x = z, so along the normal unless the cell is folded
     facing = np.cross(points[below] - points[corner], points[right] - points[corner])
     over = np.einsum("ij,ij->i", facing, grid.normal[corner]) <= 0
     radii = list(radius[corner[over]])
     there = np.flatnonzero(grid.arrived)
     if len(there) > 1:
+        # itself and 12 others, more than an even grid has within one pitch; missing ones have the number of points
         _, other = nearest(points[there], points[there], min(_NEAREST, len(there)), tape.pitch_mm)
         a, k = np.nonzero(other < len(there))
         a, b = there[a], there[other[a, k]]
         apart = np.maximum(np.abs(a % tape.columns - b % tape.columns), np.abs(a // tape.columns - b // tape.columns))
+        # normals that point apart belong to the two sides of a thin wall, which may lie near each other
         meets = (apart >= 2) & (np.einsum("ij,ij->i", grid.normal[a], grid.normal[b]) > 0)
         radii += list(np.maximum(radius[a], radius[b])[meets])
     if not radii:
@@ -106,14 +111,17 @@ def gaps_mm(tape: Tape, elements: Frames) -> tuple[FloatArray, IntArray]:
     if len(there) < 2:
         return np.zeros(0), np.zeros((0, 2), dtype=np.int64)
     points = elements.points_mm[there]
+    # feet whose middles are a diagonal apart cannot touch on a plane; the rest is for surfaces that bend towards each other
     near_mm = max(2.2 * float(np.hypot(*np.array(tape.part.body_mm[:2]))), 1.5 * tape.pitch_mm)
     _, other = nearest(points, points, min(_NEAREST, len(there)), near_mm)
     a, k = np.nonzero(other < len(there))
     pairs = np.stack([there[a], there[other[a, k]]], axis=1)
     pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
     between = elements.points_mm[pairs[:, 1]] - elements.points_mm[pairs[:, 0]]
+    # pairs one above the other, on two sheets of the surface, would overlap in the view along the normal without being near
     over = np.abs(np.einsum("ij,ij->i", between, elements.normal[pairs[:, 0]]))
     pairs = pairs[over < tape.part.body_mm[2] + np.hypot(*reach_mm(tape.part)) + 2 * SINK_MM]
+    # each view is a lower bound of the distance, of domes but for the chords of their rings: the larger one is the better
     gaps = np.maximum(_seen_from(tape.part, elements, pairs), _seen_from(tape.part, elements, pairs[:, ::-1]))
     return gaps, pairs
 
@@ -121,15 +129,18 @@ def gaps_mm(tape: Tape, elements: Frames) -> tuple[FloatArray, IntArray]:
 def _seen_from(part: TapePart, elements: Frames, pairs: IntArray) -> FloatArray:
     """Largest gap of each pair along the side directions of its first element; shape (p,)."""
     one, two = elements[pairs[:, 0]], elements[pairs[:, 1]]
+    # foot and top bound a convex element; with them both a leaning neighbour is seen whole
     rings = element_rings_mm(part)[[0, -1]].reshape(-1, 3)
     axes = np.stack([two.x_axis, two.y_axis, two.normal], axis=1)
     corners = (two.points_mm - one.points_mm)[:, None] + rings @ axes
     flat = np.stack([np.einsum("ijk,ik->ij", corners, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
     if part.shape == "dome":
+        # its own outline is a circle in this view: the distance of corners from its middle, less the radius
         gap: FloatArray = np.linalg.norm(flat, axis=2).min(axis=1) - part.body_mm[0] / 2
         return gap
     own = rotate(flat, -part.rotation_deg)
     half = np.array(part.body_mm[:2]) / 2
+    # how far all corners lie beyond either end of the body, along its length and its width: the larger one separates them
     beside: FloatArray = np.maximum(own.min(axis=1) - half, -half - own.max(axis=1)).max(axis=1)
     return beside
 
@@ -171,8 +182,10 @@ def probed_radius_mm(tape: Tape, chart: Chart, reach_mm: float) -> float:
     limits = [most_mm, float(probes.walked_mm[~probes.arrived].min()) if not probes.arrived.all() else most_mm]
     shape = (_PROBE_RINGS, _PROBE_DIRECTIONS)
     index = np.arange(_PROBE_RINGS * _PROBE_DIRECTIONS).reshape(shape)
+    # neighbours on a ring: on a plane they are a side of a regular polygon apart, 2 r sin(pi / n)
     side = _arc_mm(probes[index.ravel()], probes[np.roll(index, -1, axis=1).ravel()]).reshape(shape)
     stretch = side / (2 * radii[:, None] * np.sin(np.pi / _PROBE_DIRECTIONS)) - 1
+    # steps between two directions, the short way round; more than a twelfth of a turn apart they should not come near each other
     between = np.abs(index[0][:, None] - index[0])
     across = np.minimum(between, _PROBE_DIRECTIONS - between) > _PROBE_DIRECTIONS // 12
     for k in range(1, _PROBE_RINGS):
@@ -180,9 +193,11 @@ def probed_radius_mm(tape: Tape, chart: Chart, reach_mm: float) -> float:
             break
         ring = probes.points_mm[index[k]]
         distance = np.linalg.norm(ring[:, None] - ring, axis=2)
+        # on small rings all points are within a pitch of each other
         meets = radii[k] > 3 * tape.pitch_mm and (distance[across] < tape.pitch_mm).any()
         worst, before = float(np.abs(stretch[k]).max()), float(np.abs(stretch[k - 1]).max())
         if worst > MOST_PITCH_ERROR:
+            # the error grows from ring to ring: linear between the two about the limit
             part = (MOST_PITCH_ERROR - before) / (worst - before) if worst > before else 0.0
             limits.append(float(radii[k - 1] + np.clip(part, 0, 1) * (radii[k] - radii[k - 1])))
             break
@@ -198,7 +213,9 @@ def fitted_radius_mm(grid: Frames) -> float | None:
     On a sphere about c every place is c + R n with its normal n; on a cylinder so across its axis.
     """
     points, normals = grid.points_mm, grid.normal
+    # p = c + R n for all places: about the means c is gone, and least squares give R = sum p . n / sum n . n
     points, normals = points - points.mean(axis=0), normals - normals.mean(axis=0)
+    # normals of a cylinder vary in two directions only: the third one is its axis, along which p says nothing of R
     directions = np.linalg.svd(normals, full_matrices=False)[2]
     if np.linalg.norm(normals, axis=1).max() < _FLAT:
         return None

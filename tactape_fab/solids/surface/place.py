@@ -112,6 +112,7 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
     Raises SpecError where the texture runs off the surface, folds, or elements collide or miss it: every problem, each with
         its distance from the middle, and the largest radius that works.
     """
+    # middle of the grid, not of the board: margins and the tag's strip play no part on the user's own part
     middle = (np.array([tape.columns, tape.rows]) - 1) / 2 * tape.pitch_mm
     middle_mm = texture_to_board(middle, tape.board.texture_origin_mm)
     offset_mm = tape.part_xy_mm() - middle_mm
@@ -120,6 +121,7 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
     point_offset_mm = texture_to_board(points_mm, tape.board.texture_origin_mm) - middle_mm
     elements, grid = chart.frames(offset_mm), chart.frames(point_offset_mm)
     outline_mm = foot_outline_mm(tape.part)
+    # heights over each element's tangent plane, negative where the surface falls away
     height_mm, on_surface = chart.feet(elements, outline_mm)
     errors, pitch_radius = pitch_errors(tape, grid, point_offset_mm)
     gap_mm, pairs = gaps_mm(tape, elements)
@@ -140,6 +142,7 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
         )
         raise SpecError([Problem("surface", message) for message in problems])
     volume, volume_error = _volumes_mm3(tape.part, height_mm)
+    # below the lowest point of the outline; a surface that curves towards the element has none below the plane
     sink_mm = np.maximum(-height_mm.min(axis=1), 0.0) + SINK_MM
     placed = np.flatnonzero(tape.placed.ravel())
     return LaidOut(
@@ -165,6 +168,7 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
 
 def smaller_kit(tape: Tape, reach_mm: float, usable_mm: float) -> str:
     """The kit to use where a texture reaches too far: its outline smaller by the same share, if a window fits."""
+    # in whole millimetres, rounded down
     sides_mm = np.floor(usable_mm / reach_mm * np.array(tape.board.size_mm))
     if sides_mm.min() < 6 * tape.pitch_mm:
         return "a kit of a smaller --size"
@@ -183,8 +187,11 @@ def foot_outline_mm(part: TapePart) -> FloatArray:
 
 def _volumes_mm3(part: TapePart, height_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Volume of each element above a surface that is a quadric under its foot, and what another shape could change."""
+    # mean of z = (k1 u^2 + k2 v^2) / 2 + k12 uv: over a disc half of its mean on the rim; over a rectangle of half sides a, b
+    # (k1 a^2 + k2 b^2) / 6, a sixth of the sum over the four middles of its sides, the first four points; uv means 0 in both
     mean_mm = height_mm.mean(axis=1) / 2 if part.shape == "dome" else height_mm[:, :4].sum(axis=1) / 6
     area, volume = foot_area_mm2(part), element_volume_mm3(part)
+    # the surface below the tangent plane makes an element larger; a share of its height's range allows for what is no quadric
     return volume - area * mean_mm, 0.02 * volume + 0.5 * area * np.ptp(height_mm, axis=1)
 
 

@@ -41,6 +41,7 @@ class PlacementsError(TactapeError):
 
 def placements_csv(laid: LaidOut) -> bytes:
     """The placements of a laid out texture: mm to 6 decimals, directions to 9."""
+    # rounded first, then + 0.0: "%.6f" would write a tiny negative number as -0.000000
     places = np.round(np.hstack([laid.elements.points_mm, laid.grid.points_mm]), 6) + 0.0
     directions = np.round(np.hstack([laid.elements.x_axis, laid.elements.normal]), 9) + 0.0
     text = io.StringIO(newline="")

@@ -66,7 +66,9 @@ class _Model:
         self.items: list[Mapping[str, str]] = []
         self.placed = self.faces = self.vertices = self.read = 0
         self._now = _Object()
+        # handlers by the full name of an element, known once the root has said its namespace
         self._of: dict[str, Callable[[dict[str, str]], None]] | None = None
+        # names come as "namespace name"; elements of extensions have another namespace, and are passed over
         parser = expat.ParserCreate(namespace_separator=" ")
         parser.buffer_text = True
         parser.StartElementHandler = self._start
@@ -97,6 +99,7 @@ class _Model:
         self._now.has_mesh = True
 
     def _vertex(self, values: dict[str, str]) -> None:
+        # into an array of doubles: 24 bytes a vertex, where a list of floats takes four times as much
         self._now.points.extend((float(values["x"]), float(values["y"]), float(values["z"])))
         self._count()
 
@@ -106,6 +109,7 @@ class _Model:
 
     def _count(self) -> None:
         self.read += 1
+        # counted while reading, before the arrays grow; `_arrays` counts again, as an object may be placed many times
         if self.read > _MOST_VERTICES + MOST_FACES:
             raise SpecError(f"SURFACE has more than {MOST_FACES} triangles; give a coarser mesh")
 
@@ -122,6 +126,7 @@ class _Model:
             self._add(item, np.eye(3), np.zeros(3), vertices, faces, 0)
         if not vertices:
             return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+        # triangles count vertices from the first one of their own object
         first = np.cumsum([0, *(len(v) for v in vertices[:-1])])
         return np.vstack(vertices) * self.unit_mm, np.vstack([f + i for f, i in zip(faces, first, strict=True)])
 
@@ -149,6 +154,7 @@ class _Model:
         if target.has_mesh:
             points, triangles = self._arrays(target)
             vertices.append(points @ turn + move)
+            # a mirror image turns every triangle over
             faces.append(triangles if np.linalg.det(turn) > 0 else triangles[:, ::-1])
         for component in target.components:
             self._add(component, turn, move, vertices, faces, depth + 1)
