@@ -42,6 +42,7 @@ _OWN_PART = 512 * MIB
 def most_bytes(role: str, count: int, *, embossed: bool = False) -> int:
     """Most bytes of a file of a role in a kit with `count` parts and holes, on the user's own part or not."""
     base, each = BUDGETS.get(role, OTHERS)
+    # what the user's own part takes follows from nothing in the kit
     own = _OWN_PART if embossed and role in ("stl", "3mf", "step-solid", WHOLE_KIT) else 0
     return min(base + each * count + own, MOST_FILE_BYTES)
 

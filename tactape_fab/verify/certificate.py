@@ -42,5 +42,6 @@ def difference(found: Any, expected: Any, where: str = "") -> str | None:
     if isinstance(expected, list) and isinstance(found, list) and len(found) == len(expected):
         wrongs = (difference(f, e, f"{where}[{i}]") for i, (f, e) in enumerate(zip(found, expected, strict=True)))
         return next((wrong for wrong in wrongs if wrong is not None), None)
+    # True == 1 and 1.0 == 1 in Python, but not in a certificate
     same = type(found) is type(expected) and found == expected
     return None if same else f"{where or 'the content'} = {shown(found)}, computed {shown(expected)}"

@@ -123,11 +123,13 @@ def read_files(
         if path not in known:
             known[path] = None
             try:
+                # of all files together too: a thousand within their own budgets would still fill the memory
                 data = read_inside(root, folder / path, min(left, most_bytes(role, count, embossed=embossed)))
                 known[path] = data, hashlib.sha256(data).hexdigest()
                 left -= len(data)
             except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
                 problems.append(f"{path} {reason_of(error)}")
+        # a path that is listed twice is one file of two roles, read once
         if (found := known[path]) is not None:
             files.setdefault(role, []).append(WrittenFile(path=str(path), data=found[0]))
             if row.get("sha256") != found[1]:
@@ -153,11 +155,13 @@ def read_files(
 
 def read_inside(root: Path, place: Path, most_bytes: int) -> bytes:
     """The bytes of a regular file below `root` of bounded size; OSError with the reason otherwise."""
+    # links are followed before the comparison, so that none leads out of the folder
     if not place.resolve().is_relative_to(root):
         raise OSError(0, "leads out of the kit's folder")
     if not place.is_file():
         raise OSError(0, "is missing")
     with open_regular(place) as stream:
+        # of the open file, as its path may name another one by then; one byte more is asked for, as a file may grow
         if os.fstat(stream.fileno()).st_size <= most_bytes and len(data := stream.read(most_bytes + 1)) <= most_bytes:
             return data
     raise OSError(0, f"has more than {most_bytes} bytes, which this tool does not write for so few parts")
@@ -196,6 +200,7 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str, not
     tool = manifest.get("tool")
     own = isinstance(tool, Mapping) and tool.get("version") == __version__
     try:
+        # a second block of data makes this fail: the page's script would take one, this check the other
         _, text = file.data.split(_DATA)
         content = parse_json(text[: text.index(_DATA_END)])
         told = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
@@ -230,12 +235,15 @@ def _page_problem(data: bytes, *, own_version: bool) -> str | None:
     policy, lower = _POLICY.match(data), data.lower()
     if policy is None:
         return "it does not begin with the policy that keeps a browser from running and fetching"
+    # HTML knows no case of letters; two scripts are the data and the page's own
     if [lower.count(word) for word in (b"<script", b"http-equiv", b"<style")] != [2, 1, 1]:
         return "it has another script, style or directive than its own"
     for allowed, tag in zip(policy.groups(), (b"script", b"style"), strict=True):
         text = data.rpartition(b"<%b>" % tag)[2].partition(b"</%b>" % tag)[0]
+        # Content-Security-Policy: 'sha256-...' is the digest of exactly what stands between the tags
         if base64.b64encode(hashlib.sha256(text).digest()) != allowed:
             return f"its {tag.decode()} is not the one that its policy names"
+        # line by line, as the page is put together of several files and a frame
         known = {line for file in (templates_folder() / "report").iterdir() for line in file.read_bytes().splitlines()}
         if own_version and (strange := [line for line in text.splitlines() if line not in known and line not in _FRAME]):
             return f"its {tag.decode()} is not this version's: {shown(strange[0].decode('latin-1'))}"
@@ -262,8 +270,10 @@ def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
 def check_signature(role: str, data: bytes) -> str | None:
     """Fault of a Gerber file's .MD5 attribute (Gerber 2024.05 section 5.6.9); None if it is correct or absent."""
     for found in re.finditer(rb"TF\.MD5,([0-9a-f]{32})\*", data):
+        # as a command or as a standardised comment (Gerber 2024.05 section 5.1.1); a name of a part may hold the same text
         before = next((mark for mark in (b"%", b"G04 #@! ") if data.endswith(mark, 0, found.start())), None)
         if before is not None:
+            # all bytes before the command, line ends left out
             signed = data[: found.start() - len(before)].replace(b"\n", b"").replace(b"\r", b"")
             right = hashlib.md5(signed, usedforsecurity=False).hexdigest().encode() == found.group(1)
             return None if right else f"{role}: its .MD5 signature does not fit its content"
@@ -273,6 +283,7 @@ def check_signature(role: str, data: bytes) -> str | None:
 def _is_drawing(data: bytes) -> bool:
     """Whether an SVG is whole, and holds shapes and text alone: a browser runs scripts and fetches what it refers to."""
     whole = data.startswith(b"<svg") and data.rstrip().endswith(b"</svg>")
+    # references within the drawing alone, as <use> has them
     inside = not re.search(rb"href=(?!\"#)|url\(", data)
     different = b">".join(dict.fromkeys(data.translate(_NO_DIGITS).split(b">")))  # no name that is allowed has digits
     return whole and inside and {*_TAG.findall(different)} <= _TAGS and {*_ATTRIBUTE.findall(different)} <= _ATTRIBUTES
@@ -282,6 +293,7 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2)."""
     data = files["preview-png"].data
     height, width = png_size(data)
+    # a few kilobytes of PNG can unpack to gigabytes
     small = data.startswith(PNG_SIGNATURE) and max(width, height) <= MOST_PX
     image = unpacked(data, "IMREAD_COLOR", "opening a preview") if small else None
     drawn = [files[role].data for role in ("preview-svg", "placement-preview") if role in files]

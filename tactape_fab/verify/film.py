@@ -219,11 +219,13 @@ def check_attributes(
     for role in (*gerbers, *(role for role in ("drill-npth",) if role in files)):
         parts = {found.decode("ascii", "replace") for found in re.findall(rb"TF\.Part,([^*\n]*)", files[role].data)}
         problems += [f"{role} has .Part {shown(other)}, not {part}" for other in parts - {part}]
+        # pads are connected with nothing, and say so: N/C
         nets = set(re.findall(rb"TO\.N,([^*\n]*)", files[role].data)) - {b"N/C"}
         problems += [f"{role} has a net {shown(net.decode('ascii', 'replace'))}" for net in nets]
     backings = {role: (file_function(role, backing), "Positive") for role, backing in record.film.backings.items()}
     functions, origins = {**FILE_FUNCTIONS, **backings}, set()
     for role, content in gerbers.items():
+        # the component layer is its attributes, so that they are never off
         mode = "full" if role == "components-top" else record.x2
         start = {"full": b"%TF.", "comments": b"G04 #@! TF."}.get(str(mode))
         if start is not None:
@@ -236,6 +238,7 @@ def check_attributes(
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
                 problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
+    # equal values of .SameCoordinates say that layers fit on each other as they are
     if len({match[1] for match in origins if match is not None}) > 1:
         problems.append("the layers have different .SameCoordinates")
     message = named(problems) if problems else "file functions as the roles, MD5 signatures right"

@@ -166,6 +166,7 @@ def _check_kit(
             yield Check(name="stl", passed=False, message=mesh)
         else:
             yield from check_models(tape, form, files, mesh, cpl)
+        # a film has CPL and copper: six contacts of each are enough where it has to be quick
         if isinstance(mesh, Mesh) and not (asked.quick and sources):
             sources.append(stl_source(tape, form, mesh))
     if sources:

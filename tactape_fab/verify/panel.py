@@ -191,11 +191,14 @@ def _overlaps(panel: Panel) -> list[str]:
         return []
     low = np.array([place.low_mm for place in panel.places])
     high = low + np.array([place.extent_mm for place in panel.places])
+    # round every tape there is a slot, on its outer side between tape and rail
     border_mm = panel.rail_mm + panel.gap_mm - PLACE_TOLERANCE_MM
     off = (low < border_mm).any() or (high > np.array(panel.size_mm) - border_mm).any()
+    # gap of two boxes along each axis, negative where they overlap: the larger one says how far apart they are
     apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=-1)
     np.fill_diagonal(apart, np.inf)
     said = ["a tape lies on the rails"] if off else []
+    # packed tapes share no slot: each has a frame of its own
     near = apart.min(initial=np.inf) < 2 * panel.gap_mm - PLACE_TOLERANCE_MM
     return [*said, "two tapes lie nearer than two slots"] if near else said
 
@@ -257,6 +260,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
 
 def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:
     """One line for all checks that hold, and every other line."""
+    # warnings stay lines of their own; one failure, and all that is wrong is shown
     wrong = [replace(line, name=f"{name}: {line.name}") for line in lines if not line.passed]
     if any(not line.warning for line in wrong):
         return wrong

@@ -116,5 +116,6 @@ def _ed25519(key: Any, kind: str) -> Any:
 def _fingerprint(public: Any) -> str:
     """Fingerprint of a public key as `ssh-keygen -l` shows it (RFC 4253 section 6.6, RFC 8709)."""
     name, raw = b"ssh-ed25519", public.public_bytes_raw()
+    # the key as SSH sends it: name and 32 bytes, each with its length before it
     digest = hashlib.sha256(len(name).to_bytes(4, "big") + name + len(raw).to_bytes(4, "big") + raw).digest()
     return "SHA256:" + base64.b64encode(digest).decode("ascii").rstrip("=")

@@ -42,12 +42,14 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
         return Check(name="profile", passed=False, message="the outline is not closed")
     (width, height), radius = board.size_mm, board.corner_radius_mm
     corners = [(radius, radius), (width - radius, radius), (width - radius, height - radius), (radius, height - radius)]
+    # a rounded rectangle is its core of corner centres widened by the radius
     core = shapely.MultiPoint(corners).convex_hull
     expected = core.buffer(radius, quad_segs=_arc_points(radius)) if radius else core
     if not shapely.Polygon(stroke).is_valid:
         return Check(name="profile", passed=False, message="the outline crosses itself")
     sides = shapely.STRtree(shapely.linestrings(np.stack([stroke[:-1], stroke[1:]], axis=1)))
     from_drawn_mm = nearest(shapely.get_coordinates(expected.exterior), sides)[1]
+    # both ways: drawn points from the expected outline by its formula, and expected points from the drawn chords
     error_mm = float(max(np.abs(inset_mm(stroke, board.size_mm, radius)).max(), from_drawn_mm.max()))
     passed = error_mm <= OUTLINE_TOLERANCE_MM
     size = stroke.max(axis=0) - stroke.min(axis=0)
@@ -107,6 +109,7 @@ def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArr
     """
     inset = inset_mm(xy_mm, tape.board.size_mm, tape.board.corner_radius_mm)
     reach_mm = np.hypot(*outline_mm.T).max()
+    # with the least inset d the nearest point is at d + reach at most; a copy at inset i has none nearer than i - reach
     near = xy_mm[inset <= inset.min(initial=np.inf) + 2 * reach_mm + EDGE_TOLERANCE_MM]
     stamped: FloatArray = (near[:, None] + outline_mm).reshape(-1, 2)
     return stamped
@@ -114,8 +117,10 @@ def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArr
 
 def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded: Recorded) -> Check:
     """Check that ink keeps the recorded distance from every coverlay opening."""
+    # a polygon that crosses itself has no distance in GEOS
     areas = shapely.make_valid(polygons(legend.areas_mm))
     ink = np.concatenate([areas, pen_strokes(legend.strokes_mm, legend.stroke_width_mm)])
+    # 5 mm more than the limit: a flash's place is the middle of its opening, which reaches less far
     bounds = shapely.total_bounds(ink) + np.array([-1, -1, 1, 1]) * (recorded.opening_legend_mm + 5.0)
     close = ((coverlay.flash_xy_mm >= bounds[:2]) & (coverlay.flash_xy_mm <= bounds[2:])).all(axis=1)
     stamps = [
@@ -167,6 +172,7 @@ def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: R
         wrong = [f".C{name} {shown(value)}" for name, value in found if fields.get(name) != value]
         problems.append(f"it says {named(wrong) or 'a value twice, or not at all'}, which the manifest does not")
     pin = np.array([bool(name) for name in content.flash_pin], dtype=bool)
+    # flashes with a pin are the two pins of each part; the one without is its centre
     names = [name for name, keep in zip(content.flash_component, pin, strict=True) if keep]
     numbers = [name for name in content.flash_pin if name]
     half = rotate(np.array([(-pads.offset_mm, 0.0), (pads.offset_mm, 0.0)]), tape.part.rotation_deg)
@@ -181,6 +187,7 @@ def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: R
         problems.append("it does not draw one body for each part")
     else:
         corners = np.array(outlines)[:, :-1] - tape.part_xy_mm()[:, None]
+        # each drawn corner from the nearest of the four expected: an outline may begin in any of them
         far = np.abs(corners[:, :, None] - bodies).max(axis=-1).min(axis=-1)
         if far.max(initial=0.0) > PLACE_TOLERANCE_MM:
             problems.append("the body of a part has another size or place")
@@ -195,6 +202,7 @@ def check_drill(holes: FloatArray, tape: Tape) -> Check:
     def apart(hole: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
         return all(max(abs(a - b) for a, b in zip(hole, other, strict=True)) > PLACE_TOLERANCE_MM for other in others)
 
+    # both ways, within a micrometre in place and diameter
     missing = [f"({x:g}, {y:g}) d {d:g} mm is missing" for x, y, d in expected if apart((x, y, d), found)]
     strange = [f"({x:g}, {y:g}) d {d:g} mm is not in the manifest" for x, y, d in found if apart((x, y, d), expected)]
     problems = [*missing, *strange]

@@ -78,7 +78,9 @@ def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: Lan
 
 def _text_problems(cpl: CplContent, recorded: RecordedAssembly, pads: LandPattern) -> list[str]:
     """Cells, other than place and side, that differ from the manifest."""
+    # KiCad's position file is aligned with blanks, so that a cell has none
     blank = "_" if cpl.table.style == "kicad" else " "
+    # MacroFab's X-Size and Y-Size: the box round both lands of an unturned part
     lands_mm = {"length": 2 * pads.offset_mm + pads.size_mm[0], "width": pads.size_mm[1]}
     expected = {
         "value": recorded.value.replace(" ", blank),
@@ -115,6 +117,7 @@ def _check_places(cpl: CplContent, tape: Tape) -> Check:
 
 
 def _check_rotation(cpl: CplContent, tape: Tape) -> Check:
+    # the difference of two angles, between 0 and 180 deg: half a turn is wrong, although a chip resistor is the same
     turn = np.abs((cpl.rotation_deg - tape.part.rotation_deg + 180.0) % 360.0 - 180.0)
     wrong = np.flatnonzero(turn > ROTATION_TOLERANCE_DEG)
     message = (
@@ -133,6 +136,7 @@ def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) 
         rows = read_bom(data, bom)
     except ReadbackError as error:
         return Check(name="bom", passed=False, message=f"it cannot be read: {error}")
+    # no ranges such as R1-R9: houses count what stands between commas
     groups = [row["designator"].split(",") for row in rows]
     found = [name for group in groups for name in group]
     known, seen = set(expected), set(found)

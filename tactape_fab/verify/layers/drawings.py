@@ -78,6 +78,7 @@ def _dxf_problems(
         same = layer == "LABEL" or len(found) == len(wanted)  # a Gerber file may break a line where the DXF does not
         if not same or apart_mm(_joined(found), _joined(wanted)) > PLACE_TOLERANCE_MM:
             problems.append(f"its {layer} are {len(found)} contours that are not the {len(wanted)} of the kit")
+    # a field is the box in which all its parts lie; a panel has one for each tape
     fields = [_box(line) for line in drawn.pop("FIELD", [])]
     outside = [not any(inside) for inside in zip(*(_inside(parts, *box) for box in fields), strict=True)] or [True]
     if any(outside):
@@ -92,10 +93,12 @@ def _read_dxf(data: bytes) -> Drawn:
     """Contours of each layer, in the writer's form of release 12."""
     text = data.decode("ascii")
     tags = [(int(code), value) for code, value in _TAG.findall(text)]
+    # written again from what was read: whatever the pattern skipped shows as a difference
     if "".join(f"{code:3d}\n{value}\n" for code, value in tags) != text or tags[-2:] != [(0, "ENDSEC"), (0, "EOF")]:
         raise ValueError("it is not written as this tool writes it, or it was cut off")
     said = [f"{code} {value}" for code, value in tags]
     start = said.index("2 ENTITIES")
+    # entries of the table of layers alone: blocks and styles could draw too, or name a file
     tables = said[len(_HEADER) : start]
     if said[: len(_HEADER)] != _HEADER or {row for row in tables if row[:2] == "0 "} - {"0 TABLE", "0 LAYER", *_ENDS}:
         raise ValueError("it has another unit or release, or holds more than layers before what it draws")
@@ -107,6 +110,7 @@ def _read_dxf(data: bytes) -> Drawn:
             raise ValueError(f"it draws a {quoted(kind[1])}")
         points: list[tuple[float, ...]] = []
         if kind[1] == "CIRCLE":
+            # group codes of the DXF reference: 10, 20, 30 are x, y, z of a point, 40 is a radius, 8 the layer, 0 begins an entity
             x, y, radius = _numbers(tags[at + 2 : at + 6], (10, 20, 30, 40))
             points.append((x, y, 2 * radius))
             at += 6
@@ -146,6 +150,7 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
 
 def _off_outline_mm(line: FloatArray, size_mm: tuple[float, float], radius_mm: float) -> float:
     low, high = _box(line)
+    # points on the outline alone may be a part of it: the bounds say that it goes all the way round
     box_mm = max(np.abs(low).max(), np.abs(high - size_mm).max())
     return float(max(box_mm, np.abs(inset_mm(line[:, :2], size_mm, radius_mm)).max()))
 
@@ -189,6 +194,7 @@ def _pdf_problems(data: bytes, name: str, expected: Shown, order: FabOrder | Non
     width, height = (f"{side_mm:g}" for side_mm in expected.size_mm)
     facts = [f" Title {name} ", f" {width} ", f" {height} ", f" parts {len(expected.parts_xy_mm)} x "]
     turned = set(expected.rotation_deg.tolist())
+    # ? is what `_read_pdf` makes of a character that is not ASCII, here of the degree sign
     facts += [f" All parts turned {turned.pop():g}? "] if len(turned) == 1 else []
     stiffener, adhesive = backings.get("stiffener-bottom"), backings.get("adhesive-bottom")
     facts.append(" stiffener none " if stiffener is None else f" stiffener {stiffener} mm, whole underside ")
@@ -210,9 +216,11 @@ def _read_pdf(data: bytes) -> str:
         places.append(at)
         if int(found[1]) != len(places):
             raise ValueError("its objects are not in order")
+        # what stands within a string is text, and names nothing
         bare = re.sub(_STRING, b"", found[2])
         kinds += re.findall(rb"/Type /(\w+)", bare)
         contents += [int(number or 0) for number in re.findall(rb"/Contents(?: (\d{1,4}) 0 R )?", bare)]
+        # names that are known are allowed, all others refused: /JS, /URI, /Launch and those that a later version of PDF brings
         strange = [n for n in _NAME.findall(bare) if n not in _NAMES and not _OF_FONTS.fullmatch(n)]
         if strange:
             raise ValueError(f"it holds {quoted(strange[0].decode('latin-1'))}")
@@ -222,12 +230,14 @@ def _read_pdf(data: bytes) -> str:
             if stream is None:
                 raise ValueError("a stream is packed in another way")
             packed = data[at : at + int(stream[2])]
+            # the page's own stream, by the object number that /Contents refers to; the others are the fonts
             if len(places) in contents:
                 pages.append(base64.a85decode(packed.strip().removesuffix(b"~>")) if stream[1] else packed)
             at += len(packed)
             if not data.startswith(b"endstream\nendobj\n", at):
                 raise ValueError("a stream does not end where it says")
             at += len(b"endstream\nendobj\n")
+    # the cross-reference table that these objects must have: a reader goes by it, and could be sent to bytes inside a stream
     table = b"".join(b"%010d 00000 n \n" % place for place in places)
     table = b"xref\n0 %d\n0000000000 65535 f \n" % (len(places) + 1) + table
     end = _END.fullmatch(data, at + len(table))
@@ -236,9 +246,11 @@ def _read_pdf(data: bytes) -> str:
     if kinds.count(b"Page") != 1 or kinds.count(b"Catalog") != 1 or not len(contents) == len(pages) == 1:
         raise ValueError("it has not one page")
     inflater = zlib.decompressobj()
+    # no more than that is unpacked, whatever the stream would give
     content = inflater.decompress(pages[0], _MOST_TEXT)
     if not inflater.eof:
         raise ValueError("its page is too long")
+    # "(text) Tj" shows a text; what is before its bracket places it
     lines = b" ".join(before.rpartition(b" (")[2] for before in content.split(b") Tj")[:-1])
     ascii_alone = re.sub(rb"\\[0-7]{3}", b"?", lines)  # only the font says which characters the others are
     words = re.sub(rb"\\(.)", rb"\1", ascii_alone).decode("latin-1")

@@ -45,15 +45,18 @@ def zip_problems(data: bytes, expected: Mapping[str, bytes]) -> Iterator[str]:
     yield from (f"{name} is in the zip twice" for name in sorted(set(names)) if names.count(name) > 1)
     if sorted(names) != sorted(expected):
         return
+    # one date for all, whatever it is: the only thing that is taken from the zip besides the packed bytes
     rebuilt, entries, date = b"", b"", members[0][2] if members else 0
     for name, packed, _ in members:
         content, raw = expected[name], name.encode("ascii")
         if _unpacked(packed, len(content)) != content:
             yield f"{name} in the zip differs from the kit's"
             return
+        # the same fields in a local header and its directory entry: method, time, date, CRC-32, packed and unpacked size
         fields = (_DEFLATED, date & 0xFFFF, date >> 16, zlib.crc32(content), len(packed), len(content))
         entries += _ENTRY.pack(b"PK\1\2", _UNIX, _VERSION, 0, *fields, len(raw), 0, 0, 0, 0, _MODE, len(rebuilt)) + raw
         rebuilt += _LOCAL.pack(b"PK\3\4", _VERSION, 0, *fields, len(raw), 0) + raw + packed
+    # disk 0 of 0, entries of this disk and of all, size and place of the directory, no comment
     end = _END.pack(b"PK\5\6", 0, 0, len(members), len(members), len(entries), len(rebuilt), 0)
     if names != list(expected):
         yield "its files stand in another order than the writer's"
@@ -68,6 +71,7 @@ def _members(data: bytes, count: int) -> tuple[list[tuple[str, bytes, int]], int
     At most a few more than `count` are read: a zip of more is none of this tool's.
     """
     size = len(data)
+    # a comment of up to 65,535 bytes may stand behind the end's record: the last mark within reach counts, as for readers
     start = data.rfind(b"PK\5\6", max(0, size - _END.size - 65_535))
     if start < 0:
         raise ValueError("its end is missing")
@@ -91,6 +95,7 @@ def _unpacked(packed: bytes, size: int) -> bytes | None:
     """The content of a deflated member; None if it is longer than `size`, broken, or followed by more."""
     inflater = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
+        # one byte more than it should be tells a longer one, without unpacking all of it
         content = inflater.decompress(packed, size + 1)
     except zlib.error:
         return None

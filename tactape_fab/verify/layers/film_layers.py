@@ -119,6 +119,7 @@ def without_counterpart(lines_mm: FloatArray, others_mm: FloatArray) -> FloatArr
     """Lines without an equal among `others`, in either direction; all of shape (n, 2, 2), mm."""
     if len(lines_mm) == 0 or len(others_mm) == 0:
         return lines_mm
+    # each line in both directions, found by its middle, which both have in common
     both = np.concatenate([others_mm, others_mm[:, ::-1]])
     tree = shapely.STRtree(shapely.points(both.mean(axis=1)))
     line, other = tree.query(shapely.points(lines_mm.mean(axis=1)), predicate="dwithin", distance=TOLERANCE_MM)
@@ -136,6 +137,7 @@ def _clear_of_openings(anchors: Anchors, coverlay: GerberContent, plan: AnchorPl
     boxes = np.array(
         [shapely.Polygon(outlines[i] + xy) for i, xy in zip(coverlay.flash_aperture, coverlay.flash_xy_mm, strict=True)]
     )
+    # a line in another pad's opening would be bare copper there, and take up its solder
     gap_mm, _ = nearest_foreign(anchors, boxes)
     passed = gap_mm >= plan.opening_mm - _EDGE_TOLERANCE_MM
     message = f"{gap_mm:.3f} mm from openings of other pads" + ("" if passed else f", less than {plan.opening_mm:g} mm")
@@ -144,6 +146,7 @@ def _clear_of_openings(anchors: Anchors, coverlay: GerberContent, plan: AnchorPl
 
 def _clear_of_outline(lines_mm: FloatArray, plan: AnchorPlan, tape: Tape) -> Check:
     board = tape.board
+    # ends of a line are its nearest points to a convex outline; half its width is copper too
     edge = float(inset_mm(lines_mm, board.size_mm, board.corner_radius_mm).min()) - plan.web_mm / 2
     drawn = shapely.linestrings(lines_mm)
     holes = [float(shapely.distance(drawn, shapely.Point(x, y)).min()) - (d + plan.web_mm) / 2 for x, y, d in board.holes]
@@ -165,11 +168,13 @@ def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRe
     expected = shapely.Polygon(gang_window(tape.board, tape.part_xy_mm(), opening_mm))
     if not window.is_valid:
         return [Check(name=name, passed=False, message="the window crosses itself")]
+    # either outline's farthest point from the other, along straight sides as well as in corners
     error_mm = float(shapely.hausdorff_distance(window.exterior, expected.exterior))
     passed = error_mm <= TOLERANCE_MM
     message = f"{'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the window that these parts ask for"
     checks = [Check(name=name, passed=passed, message=message, figure=error_mm * 1000, unit="um")]
     boxes = shapely.polygons(cpl.xy_mm[:, None] + opening_mm) if len(cpl.xy_mm) else np.empty(0)
+    # wider by the tolerance, as an opening on the window's own edge must not fail by rounding
     covered = ~shapely.covers(window.buffer(TOLERANCE_MM), boxes)
     message = f"{int(covered.sum())} parts of the CPL are partly covered" if covered.any() else "every part of the CPL lies in it"
     checks.append(Check(name="coverlay-top parts", passed=not covered.any(), message=message, figure=float(covered.sum())))
@@ -197,6 +202,7 @@ def check_backing(role: str, content: GerberContent, path: str, backing: str, ou
         error_mm = float(shapely.hausdorff_distance(area.exterior, outline.exterior))
         if error_mm > TOLERANCE_MM:
             problems.append(f"it leaves the outline by {error_mm:.3f} mm")
+    # no Gerber layer says material and thickness: its name is what the fab has of them
     if material_words(backing) not in path:
         problems.append(f"its name {path.rsplit('/', 1)[-1]} does not say {material_words(backing)}")
     message = "; ".join(problems) or f"{backing} mm, as large as the board"

@@ -102,6 +102,7 @@ def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, f
     if written_mm != size_mm:
         problems.append(f"its board is {written_mm[0]:g} x {written_mm[1]:g} mm")
     if not problems and order is not None:
+        # compared whole, so that nothing can be added: an unknown key is a difference
         wrong = difference(_free_taken_out(job), _expected(name, size_mm, order, expected, has_legend="legend-top" in files))
         problems += [] if wrong is None else [wrong]
     right = f"names the {len(expected)} layers and the board's size" + ("" if order is None else ", stackup and finish")
@@ -110,6 +111,7 @@ def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, f
 
 def _free_taken_out(job: dict[str, Any]) -> dict[str, Any]:
     """A copy without the values that may be any of their form; one of another form stays, and differs."""
+    # a deep copy of what JSON can hold
     copy: dict[str, Any] = json.loads(json.dumps(job))
     for (*parents, last), form in _FREE.items():
         place: Any = copy

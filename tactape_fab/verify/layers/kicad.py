@@ -130,6 +130,7 @@ def _read_board(tree: Tree) -> _Board:
         children = [child for child in footprint if isinstance(child, tuple)]
         (name,) = (str(child[2]) for child in children if child[:2] == ("fp_text", "reference"))
         x_mm, y_mm, *turn_deg = values(children, "at")
+        # y of a sheet goes down; the auxiliary origin is the board's lower left corner. Angles are counter-clockwise in both
         at[name] = (x_mm - x0_mm, y0_mm - y_mm, turn_deg[0] if turn_deg else 0.0)
         pads[name] = [child for child in children if child[0] == "pad"]
     return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, pads=pads)
@@ -139,6 +140,7 @@ def _read_board(tree: Tree) -> _Board:
 
 
 def _is_part(name: str) -> bool:
+    # H1 ... are holes, FID1 ... fiducials, R1 ... parts
     return name[:1] not in ("H", "F")
 
 
@@ -166,6 +168,7 @@ def _lands(found: _Board, shown: Shown, lands: Recorded) -> list[str]:
     turned = dict(zip(shown.designators(), shown.rotation_deg.tolist(), strict=True))
     for name, pads in found.pads.items():
         if _is_part(name):
+            # one footprint of each kind is looked at: thousands have the same objects
             alike.setdefault((turned.get(name, 0.0), *map(id, pads)), []).append(name)
     wrong: dict[str, list[str]] = {}
     for (rotation_deg, *_), names in alike.items():
@@ -183,6 +186,7 @@ def _pads_problems(pads: Sequence[Tree], lands: Recorded, rotation_deg: float) -
     problems = []
     for what, number, layer, land, k in expected:
         same = [pad for pad in pads if pad[1] == number and child(pad, "layers")[1:] == (layer,)]
+        # pad 1 is at -x of the unturned part, pad 2 at +x; stencil apertures have no number, and are told by the side alone
         here = [pad for pad in same if (values(pad, "at")[0] > 0) == (k == 1)]
         if len(here) != 1:
             problems.append(f"{what} is there {len(here)} times")
@@ -195,8 +199,10 @@ def _is_land(pad: Tree, land: LandPattern, k: int, rotation_deg: float) -> bool:
     kinds = [child[0] for child in pad[4:] if isinstance(child, tuple)]
     (x_mm, y_mm, *turn_deg), (length_mm, width_mm) = values(pad, "at"), values(pad, "size")
     ratio = values(pad, "roundrect_rratio")[0] if "roundrect_rratio" in kinds else 0.0
+    # KiCad gives a rounded pad's radius as a share of its shorter side
     radius_mm = ratio * min(length_mm, width_mm)
     wanted = (land.offset_mm if k else -land.offset_mm, 0.0, *land.size_mm, land.corner_radius_mm)
+    # a pad's angle is the board's, not the footprint's, though its place is in the footprint's frame
     turned = abs(((turn_deg[0] if turn_deg else 0.0) - rotation_deg + 180.0) % 360.0 - 180.0)
     return bool(
         pad[2:4] in (("smd", "roundrect"), ("smd", "rect"))
@@ -215,6 +221,7 @@ def _outline(found: _Board, shown: Shown) -> list[str]:
     points = np.array([values(item, end) for item in lines for end in ends if end != "mid" or item[0] == "gr_arc"])
     box_mm = np.concatenate([points.min(axis=0), points.max(axis=0)]) - np.tile(found.origin_mm, 2)
     width_mm, height_mm = shown.size_mm
+    # about the origin, on the sheet: the board lies above it, at negative y
     wrong = np.abs(box_mm - (0.0, -height_mm, width_mm, 0.0)).max() > PLACE_TOLERANCE_MM
     return [f"its outline is {box_mm[2] - box_mm[0]:g} x {box_mm[3] - box_mm[1]:g} mm about another place"] if wrong else []
 

@@ -78,6 +78,7 @@ def rules_problems(project: bytes, limits_mm: Mapping[str, Any]) -> list[str]:
         content = parse_json(project)
         settings, (net_class,) = content["board"]["design_settings"], content["net_settings"]["classes"]
         rules, severities = dict(settings["rules"]), settings["rule_severities"]
+        # KiCad takes the larger of the board's clearance and that of the net's class
         rules["clearance of its class"] = net_class["clearance"]
         found = {key: float(value) for key, value in rules.items()}
     except (ValueError, KeyError, TypeError):
@@ -117,6 +118,7 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
         problems.append(f"it is {thickness_mm:g} mm thick, not {made.thickness_mm:g}")
     if child(title, "title")[1:] != (made.name,):
         problems.append("its title is not the kit's name")
+    # a KiCad board has at least two copper layers; the second one of a film stays empty
     copper = sorted(str(row[1]) for row in layers[1:] if row[2:3] != ("user",))
     if copper != ["B.Cu", "F.Cu"] or any(row[2] != "signal" for row in layers[1:] if row[1] in copper):
         problems.append("its copper layers are not F.Cu and B.Cu")
@@ -142,6 +144,7 @@ def _footprints(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
             item for item in footprint[2:] if isinstance(item, tuple) and item[:2] != ("fp_text", "reference") and item[0] != "at"
         ]
         (name,) = (str(item[2]) for item in footprint if item[:2] == ("fp_text", "reference"))
+        # without place and designator, which differ for every part
         key = (name[0], footprint[1], *map(id, inner))
         if key not in known:
             known[key] = _footprint_problem(name[0], str(footprint[1]), inner, made)
@@ -155,6 +158,7 @@ def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) 
         return "other attributes"
     if kind == "H":
         (pad,) = (item for item in inner if item[0] == "pad")
+        # an unplated hole is a pad as large as its drill: no copper is left of it
         right = child(pad, "layers")[1:] == ("*.Cu", "*.Mask") and values(pad, "size") == values(pad, "drill") * 2
         return None if right else "another pad"
     if kind != "R":
@@ -188,6 +192,7 @@ def _openings(
     for item, places in placed.values():
         _refuse_hollow(item)
         (x0, y0), (x1, y1) = values(item, "start"), values(item, "end")
+        # y turned up before the turn, whose sense is the board's
         local, rows = np.array([(x0, -y0), (x1, -y0), (x1, -y1), (x0, -y1)]), np.array(places)
         for turn_deg in np.unique(rows[:, 2]).tolist():
             xy = rows[rows[:, 2] == turn_deg, :2]
@@ -195,6 +200,7 @@ def _openings(
             count += len(xy)
     kept = np.ones(len(coverlay.flash_xy_mm), dtype=bool)
     if len(fiducials_mm):
+        # a fiducial's opening is its pad's own mask, no rectangle that is drawn
         kept = nearest(coverlay.flash_xy_mm, point_tree(fiducials_mm))[1] > PLACE_TOLERANCE_MM
     flashes, aperture, wanted = coverlay.flash_xy_mm[kept], coverlay.flash_aperture[kept], [*coverlay.areas_mm]
     for k, outline in enumerate(coverlay.aperture_outlines_mm):
@@ -234,6 +240,7 @@ def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile
     cut = shapely.MultiLineString([stroke for stroke in profile.strokes_mm if len(stroke) > 1])
     points = (np.concatenate([ends, middles]) - origin_mm) * (1.0, -1.0)
     far_mm = shapely.distance(shapely.points(points), cut)
+    # every corner ends one side and begins another: the outline is closed
     _, often = np.unique(np.round(ends, 4), axis=0, return_counts=True)
     near = (far_mm[: len(ends)] <= PLACE_TOLERANCE_MM).all() and (far_mm <= _ARC_TOLERANCE_MM).all()
     return [] if near and (often == 2).all() else ["its outline is not that of the outline layer"]

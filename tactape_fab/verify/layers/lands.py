@@ -53,6 +53,7 @@ def read_recorded(table: Fields) -> Recorded:
 
 def nearest(points_mm: FloatArray, tree: shapely.STRtree) -> tuple[IntArray, FloatArray]:
     """Index of, and distance to, the nearest point of a tree for every point; shapes (n,)."""
+    # of several points as near one; sorted, so that nothing rests on the order of the pairs
     (asked, found), distance = tree.query_nearest(shapely.points(points_mm), return_distance=True, all_matches=False)
     order = np.argsort(asked, kind="stable")
     return found[order].astype(np.int64), distance[order]
@@ -70,6 +71,7 @@ def apart_mm(points: FloatArray, others: FloatArray) -> float:
     far = 0.0
     for these, those in ((points, others), (others, points)):
         index, distance = nearest(these[:, :2], point_tree(those[:, :2]))
+        # both ways, as one set may hold a point twice and lack another
         far = max(far, float(distance.max()), float(np.abs(these[:, 2:] - those[index, 2:]).max(initial=0.0)))
     return far
 
@@ -96,6 +98,7 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
     if len(xy_mm) < 2:
         nothing, none = np.empty((0, 2)), np.empty(0, dtype=np.int64)
         return LandPairs(centre_mm=nothing, axis_mm=nothing, first=none, second=none, alone=np.arange(len(xy_mm)))
+    # land 2 is one step of twice the offset, along the part, from land 1
     first, second = _alternate(_following(xy_mm, rotate((2 * offset_mm, 0.0), rotation_deg)))
     used = np.zeros(len(xy_mm), dtype=bool)
     used[first], used[second] = True, True
@@ -111,6 +114,7 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
 def _following(xy_mm: FloatArray, step_mm: FloatArray) -> IntArray:
     """Index of the flash nearest to one step from each flash, -1 if there is none or if another flash is nearer; shape (m,)."""
     partner, distance = nearest(xy_mm + step_mm, point_tree(xy_mm))
+    # a flash that two others would step to goes to the one that comes nearest: unique keeps the first of equal partners
     by_distance = np.argsort(distance, kind="stable")
     by_distance = by_distance[distance[by_distance] < _PARTNER_TOLERANCE_MM]
     _, first = np.unique(partner[by_distance], return_index=True)
@@ -125,6 +129,7 @@ def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
 
     ``following`` names the next flash of each, -1 at the end of a chain.
     """
+    # a flash that none steps to begins a chain: 1-2 of one part, or 1-2-1-2 of neighbours that stand a pair's distance apart
     heads = np.ones(len(following), dtype=bool)
     heads[following[following >= 0]] = False
     first, second = [], []
@@ -132,6 +137,7 @@ def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
     while len(now):
         first.append(now)
         second.append(following[now])
+        # the flash behind a land 2 is a neighbour's land 1, and begins a pair if another one follows
         onward = following[second[-1]]
         now = onward[onward >= 0]
         now = now[following[now] >= 0]
@@ -219,6 +225,7 @@ def _rotation_check(
     row: IntArray,
 ) -> Check:
     pair_deg = np.degrees(np.arctan2(axis[:, 1], axis[:, 0]))
+    # of lines, not of arrows: half a turn exchanges two equal lands
     turn = _turn_deg(pair_deg, rotation_deg)
     worst = int(np.argmax(turn))
     problems = []
@@ -227,6 +234,7 @@ def _rotation_check(
         problems.append(f"pads of {cpl.designators[row[worst]]} lie {turn[worst]:.2f} deg from the CPL's rotation")
     shape_deg = _outline_axis_deg(content.aperture_outlines_mm[0], land)
     if shape_deg is not None and len(rotation_deg):
+        # an aperture may be turned while its flashes stand right: readers draw rotated macros differently
         shape_turn = float(_turn_deg(np.array(shape_deg), rotation_deg).max())
         if shape_turn > ROTATION_TOLERANCE_DEG:
             problems.append(f"the pad itself is turned by {shape_turn:.2f} deg from the CPL's rotation")
@@ -240,6 +248,7 @@ def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
         return None
     box = shapely.minimum_rotated_rectangle(shapely.Polygon(outline))
     corners = np.array(box.exterior.coords)
+    # two sides that meet; the other two are parallel to them
     sides = np.diff(corners[:3], axis=0)
     lengths = np.hypot(*sides.T)
     along = sides[int(np.argmax(lengths) if land.size_mm[0] > land.size_mm[1] else np.argmin(lengths))]
@@ -249,6 +258,7 @@ def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
 def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray) -> Check:
     """Check that every flashed outline is the manifest's, about its own origin."""
     target = shapely.Polygon(expected).exterior
+    # either outline's farthest point from the other: a missing rounding shows, which an area within 1 % may not
     error_mm = max(float(shapely.hausdorff_distance(shapely.Polygon(outline).exterior, target)) for outline in outlines)
     passed = error_mm <= PLACE_TOLERANCE_MM
     message = f"outline {'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the manifest's"
@@ -267,6 +277,7 @@ def _names_check(name: str, content: GerberContent, pairs: LandPairs, designator
 
 
 def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check:
+    # 1 % tolerates the chords of rounded corners: some 0.1 % of an 0201's pad at nine points a corner
     areas = np.array([area_mm2(outline) for outline in content.aperture_outlines_mm])
     area = float(areas[content.flash_aperture].sum())
     error = area / expected_mm2 - 1.0

@@ -39,15 +39,18 @@ def legend_picture(legend: GerberContent, tag: Tag, *, legend_is_light: bool) ->
     """Picture of ink on film round the tag: uint8 gray, row 0 at the top (board +y)."""
     import cv2
 
+    # drawn four times as fine and reduced by area: edges between pixels become grays, as a camera has them
     px_per_mm = _OVERSAMPLING * _PX_PER_CELL / tag.cell_mm
     cells = CODE_CELLS + 2 + 2 * _MARGIN_CELLS
     half_mm = cells * tag.cell_mm / 2
     upper_left_mm = (tag.center_mm[0] - half_mm, tag.center_mm[1] + half_mm)
     side_px = cells * _PX_PER_CELL * _OVERSAMPLING
+    # dark film under light ink, or light film under dark ink: the tag's border must be darker than what is round it
     image = np.full((side_px, side_px), _FILM if legend_is_light else 170, dtype=np.uint8)
     ink = _INK if legend_is_light else _DARK_INK
 
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
+        # sixteenths of a pixel in 32 bits; what is farther off is outside of the picture anyway
         inside = np.clip(board_to_picture(points_mm, upper_left_mm, px_per_mm), -1e6, 1e6)
         fixed: npt.NDArray[np.int32] = np.rint(inside * 16).astype(np.int32)
         return fixed
@@ -91,10 +94,12 @@ def check_label(content: GerberContent, tape: Tape, sizes: LegendRecord | None, 
     found, right = segments(content.strokes_mm), segments(expected.strokes_mm)
     if len(content.flash_xy_mm):
         problems.append(f"{len(content.flash_xy_mm)} flashes, which no legend has")
+    # in the same order: the writer draws the same strokes from the same font
     if found.shape != right.shape or (np.abs(found - right) > _PRINT_TOLERANCE_MM).any():
         problems.append(f"its {len(found)} lines are not the {len(right)} of this tape's label")
     if len(found) and np.abs(content.stroke_width_mm - expected.line_mm).max() > _PRINT_TOLERANCE_MM:
         problems.append(f"a line is not {expected.line_mm:g} mm wide")
+    # a region of a Gerber file ends where it began, a polygon of ours does not say its first point twice
     areas = [area[:-1] if np.array_equal(area[0], area[-1]) else area for area in content.areas_mm]
     if len(areas) != len(expected.areas_mm) or not all(map(_printed_alike, areas, expected.areas_mm)):
         problems.append(f"its {len(areas)} areas are not the {len(expected.areas_mm)} of this tape's tag")
@@ -133,6 +138,7 @@ def _read_opencv(image: GrayImage) -> list[Reading]:
     from cv2 import aruco
 
     parameters = aruco.DetectorParameters()
+    # whole pixels are a twelfth of a cell, nearly all of the tolerance
     parameters.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
     detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(aruco.DICT_APRILTAG_36h11), parameters)
     corners, ids, _ = detector.detectMarkers(image)
@@ -175,8 +181,10 @@ def _judge(name: str, tag: Tag, readings: list[Reading]) -> Check:
         )
     side_px = (CODE_CELLS + 2 + 2 * _MARGIN_CELLS) * _PX_PER_CELL
     half = CODE_CELLS / 2 * _PX_PER_CELL
+    # pixel centres are whole numbers: the middle of n pixels is at (n - 1) / 2
     centre = (side_px - 1) / 2
     upright = rotate([(-1, -1), (1, -1), (1, 1), (-1, 1)], tag.rotation_deg)
+    # y turned over, as rows of a picture go down
     expected = centre + half * board_to_texture(upright, (0.0, 0.0))
     error_cells = float(np.linalg.norm(corners_px - expected, axis=1).max() / _PX_PER_CELL)
     error_mm = error_cells * tag.cell_mm

@@ -39,6 +39,7 @@ class OnPanel:
 
     def turned_back(self, xy_mm: FloatArray) -> FloatArray:
         """Vectors of the panel in the tape's board frame."""
+        # a tape lies as it is or turned by 90 deg counter-clockwise: back is (x, y) -> (y, -x)
         return np.stack([xy_mm[..., 1], -xy_mm[..., 0]], axis=-1) if self.turned else xy_mm
 
     def on_board(self, xy_mm: FloatArray) -> FloatArray:
@@ -67,6 +68,7 @@ def whole(shapes: Sequence[FloatArray], on: OnPanel) -> list[int]:
 def of_tape(content: GerberContent, on: OnPanel) -> GerberContent:
     """Content of a layer on one tape, in the tape's board frame and with its designators."""
     keep = np.flatnonzero(inside(content.flash_xy_mm, on))
+    # apertures that this tape uses, numbered anew: one that is only another tape's is not its fault
     used, aperture = np.unique(content.flash_aperture[keep], return_inverse=True)
     strokes = whole(content.strokes_mm, on)
     return replace(
@@ -91,6 +93,7 @@ def _renumbered(name: str, on: OnPanel) -> str:
 def part_data_of_tape(data: bytes, on: OnPanel) -> bytes:
     """Attributes of the parts of one tape in the component layer: those in force when it begins, and those that it changes."""
     start, end = (data.find(b"%%TO.C,R%d*%%" % number) for number in (on.first + 1, on.first + on.tape.part_count + 1))
+    # an attribute stays in force until it is set again or deleted, so that of a later tape only changes are written
     standing = dict(PART_DATA.findall(data[: max(start, 0)]))
     before = b"".join(b"%%TO.C%s,%s*%%\n" % (name, _turned_back(name, value, on)) for name, value in standing.items())
     until = len(data) if end < 0 else max(data.rfind(b"%TD.P*%", 0, end), start)  # what follows is said of the next tape

@@ -79,6 +79,7 @@ def check_order_notes(
         x0, x1, y0, y1 = map(float, area)
         centres = tape.part_xy_mm()
         half_mm = max(tape.part.body_mm[:2]) / 2
+        # a part reaches into the area if its middle is in the area widened by half a body
         near = (centres > np.array([x0, y0]) - half_mm).all(axis=1) & (centres < np.array([x1, y1]) + half_mm).all(axis=1)
         if near.any() or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
             problems.append(f"they let the fab print at x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm, on parts or off the board")
@@ -90,11 +91,13 @@ def _row_problems(
     text: str, tape: Tape, of: Ordered, order: FabOrder, assembly: RecordedAssembly, backings: Mapping[str, str]
 ) -> Iterator[str]:
     """Rows, and sentences of the remarks, that differ from the manifest; thickness, size and layers must be there."""
+    # steps 1 to 4 are the board's form, up to 9 the whole order; what follows is for the buyer
     form, rest = text.partition("\nSTEP 5. ")[0], text.partition("\nSTEP 10. ")[0]
     expected = _expected_rows(tape, of, order, assembly, backings)
     known = {label: value for labels, value in expected.items() for label in labels}
     rows = _ROW.findall(rest)
     for label, value in rows:
+        # prose is free, but where a row of a form has a value, it must be the manifest's
         if label in known and re.fullmatch(known[label], value) is None:
             yield f"{shown(label)} is {shown(value)}, which is not the manifest's"
     yield from (
@@ -118,6 +121,7 @@ def _row_problems(
         rf"(?<![\d.-]){_FIGURE} parts": {str(of.part_count)},
     }
     for pattern, right in sentences.items():
+        # every figure at that place of a sentence, and it must be there at least once
         if wrong := {*re.findall(pattern, rest)} ^ right:
             yield f"they say {named(sorted(wrong))} where {pattern.replace(_FIGURE, right.pop())!r} should stand"
 

@@ -41,11 +41,14 @@ def check_cut(content: GerberContent, panel: Panel) -> Check:
         float(shapely.hausdorff_distance(polygon.exterior, shapely.Polygon(slot).exterior))
         for polygon, slot in zip(drawn[1:], expected, strict=True)
     ]
+    # what is checked is what the cut does: whether a tape stays whole, and how many pieces of its outline stay uncut
     slots, tapes = shapely.union_all(drawn[1:]), [shapely.Polygon(place.outline_mm) for place in panel.places]
     problems = [
         f"a slot cuts {shapely.area(shapely.intersection(slots, t)):.3f} mm2 off a tape" for t in tapes if _cuts(slots, t)
     ]
+    # slots touch a tape along its outline: wider by a little they cover it there, and leave the tabs
     near, tabs = slots.buffer(2 * PLACE_TOLERANCE_MM), [2 * (place.tabs_x + place.tabs_y) for place in panel.places]
+    # a ring begins somewhere: merged, a tab over that point is one piece
     uncut = [shapely.get_parts(shapely.line_merge(shapely.difference(tape.exterior, near))) for tape in tapes]
     wrong = [(len(pieces), count) for pieces, count in zip(uncut, tabs, strict=True) if len(pieces) != count]
     problems += [f"a tape is held by {held} tabs, not {count}" for held, count in wrong]
@@ -58,6 +61,7 @@ def check_cut(content: GerberContent, panel: Panel) -> Check:
 
 
 def _cuts(slots: Any, tape: Any) -> bool:
+    # the tape without its rim, which a slot may touch
     return float(shapely.area(shapely.intersection(slots, tape.buffer(-PLACE_TOLERANCE_MM)))) > 0.0
 
 
@@ -79,6 +83,7 @@ def _on_tapes(xy_mm: FloatArray, tapes: Sequence[OnPanel]) -> BoolArray:
 
 def _check_marks(role: str, content: GerberContent, panel: Panel, tapes: Sequence[OnPanel]) -> Check:
     marks = {"copper-top": panel.fiducial_mm, "coverlay-top": panel.fiducial_opening_mm}
+    # what lies on a tape is checked with that tape; an object on two of them, or half on one, counts as beside
     flashes = np.flatnonzero(~_on_tapes(content.flash_xy_mm, tapes))
     outlines = [content.aperture_outlines_mm[i] for i in content.flash_aperture[flashes]]
     wanted = np.array(panel.fiducials_mm if role in marks else ()).reshape(-1, 2)
@@ -109,6 +114,7 @@ def _mark_problems(xy_mm: FloatArray, outlines: Sequence[FloatArray], wanted_mm:
         problems.append(
             f"a fiducial is at ({xy_mm[i, 0]:.3f}, {xy_mm[i, 1]:.3f}) mm, not at ({wanted_mm[i, 0]:g}, {wanted_mm[i, 1]:g}) mm"
         )
+    # all vertices of a disc are a radius from its middle; 5 um for how fine readers make its chords
     radii = [np.hypot(*outline.T) for outline in outlines]
     if any(np.abs(2 * r - diameter_mm).max() > _DIAMETER_TOLERANCE_MM for r in radii):
         problems.append(f"a fiducial is no disc of {diameter_mm:g} mm")

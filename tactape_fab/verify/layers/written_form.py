@@ -69,6 +69,7 @@ def drill_problems(data: bytes) -> list[str]:
 def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
     """Differences between the two readings of a file."""
     problems = []
+    # the index counts apertures in the order of their first flash, in both readings
     same_apertures = np.array_equal(drawn.flash_aperture, content.flash_aperture)
     if not same_apertures or not alike(drawn.flash_xy_mm, content.flash_xy_mm):
         problems.append("gerbonara reads other flashes than the grammar")
@@ -86,6 +87,7 @@ def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
 def segments(strokes_mm: Sequence[np.ndarray]) -> np.ndarray:
     """Begin and end of each line of some polylines; shape (n, 4), mm."""
     points = np.concatenate([np.empty((0, 2)), *strokes_mm])
+    # points of all strokes in a row: the line from the last point of one to the first of the next is taken out again
     ends = np.cumsum([len(stroke) for stroke in strokes_mm], dtype=np.int64)[:-1]
     return np.delete(np.concatenate([points[:-1], points[1:]], axis=1), ends - 1, axis=0)
 

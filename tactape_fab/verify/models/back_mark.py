@@ -23,6 +23,7 @@ def check_mark(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
         return Check(name="stl mark", passed=True, message="the back has no place for a mark")
     flat = unwrapped(mesh.vertices_mm, tape, form)
     back, floor = back_mm(tape, form), floor_mm(tape, form, mark)
+    # 0 on the back, 1 on the floor of the mark, on either side of a mould
     depth = (flat[:, 2] - back)[mesh.faces] / (floor - back)
     sunk = flat[mesh.faces[(np.abs(depth - 1.0) * mark.depth_mm < _LEVEL_MM).all(axis=1)]][..., :2]
     if len(sunk) == 0:
@@ -42,10 +43,12 @@ def check_mark(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
 def _figures(area: shapely.Geometry, *, mirrored: bool) -> int | None:
     """The number that a sunk area shows, seen from outside; None if it shows none."""
     left, low, right, high = area.bounds
+    # arrow and figures are five cells high: what is sunk says how large a cell is, not the manifest
     cell_mm = (high - low) / _ROWS
     columns = round((right - left) / cell_mm)
     if not 1 <= columns <= _MOST_COLUMNS:
         return None
     x, y = np.meshgrid(left + (np.arange(columns) + 0.5) * cell_mm, high - (np.arange(_ROWS) + 0.5) * cell_mm)
     cells = shapely.contains_xy(area, x, y)
+    # board x runs to the left where the back is seen from below
     return read_raster(cells[:, ::-1] if mirrored else cells)

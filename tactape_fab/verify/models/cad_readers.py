@@ -115,6 +115,7 @@ def read_by_others(
         readers = _READERS
         if "step-solid" in files and not _is_own(expected, paths):
             readers = {"CAD kernels": _kernels} | {name: read for name, read in readers.items() if read not in (_occt, _freecad)}
+        # threads, as each only waits for a process of its own
         runs = [(name, pool.submit(read, tape, expected, paths, cpl)) for name, read in readers.items()]
         try:
             yield _lines(runs[::-1], progress)
@@ -137,6 +138,7 @@ def _limits(files: Iterable[Path], *, own: bool = False) -> tuple[float, int]:
 def _run(arguments: list[str], limits: tuple[float, int], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
     """Output of a program, or the reason why there is no output; one that is loaded limits its time itself, by less."""
     cpu_s, memory_bytes = limits
+    # set from outside too: a reader that never comes to limiting itself ends all the same
     within = launch.limited(arguments, cpu_s=ceil(cpu_s) + _LOADED_S, memory_bytes=memory_bytes)
     try:
         run = launch.run(within, timeout_s=_TIMEOUT_S, scratch=scratch)
@@ -213,6 +215,7 @@ def _check_solid(expected: Expected, reader: str, found: dict[str, Any]) -> Chec
     problems = []
     if found["solids"] != expected.bodies:
         problems.append(f"{found['solids']} solids instead of {expected.bodies}")
+    # a wrong shell may still have the right volume, and be found valid: faces and solids are counted as well
     if found["faces"] != expected.faces:
         problems.append(f"{found['faces']} faces instead of {expected.faces}")
     if not found["valid"]:
@@ -221,6 +224,7 @@ def _check_solid(expected: Expected, reader: str, found: dict[str, Any]) -> Chec
         problems.append(f"volume {found['volume_mm3']:.6f} mm3 is {relative:.1e} from {expected.volume_mm3:.6f} mm3")
     if expected.centre_mm is not None and found["centre_mm"] is not None:
         off = float(np.abs(np.array(found["centre_mm"]) - expected.centre_mm).max())
+        # tells elements that are shifted all together, which no volume shows
         if off > PLACE_TOLERANCE_MM / 10:
             problems.append(f"its centre of mass is {off * 1000:.3f} um from where its shape has it")
     right = f"one valid solid of {expected.faces} faces, volume within {relative:.0e} of {expected.volume_mm3:.4f} mm3"
@@ -240,9 +244,11 @@ def _check_occurrences(tape: Tape, found: dict[str, Any], cpl: CplContent) -> Ch
         problems.append(f"occurrences that differ from the CPL: {named([*missing, *extra])}")
         return Check(name=name, passed=False, message="; ".join(problems))
     placed = np.array([rows[d] for d in cpl.designators])
+    # at z = 0: the part's foot is on the film
     off = np.hypot(*(placed[:, :2] - cpl.xy_mm).T) + np.abs(placed[:, 2])
     angle = np.radians(cpl.rotation_deg)
     along = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    # columns 1 and 3 of the rotation, the part's x and z axes: the second follows from them
     turn = np.abs(placed[:, 3:6] - along).max(axis=1) + np.abs(placed[:, 6:9] - (0.0, 0.0, 1.0)).max(axis=1)
     worst = int(off.argmax())
     if np.abs(rows["board"] - (0, 0, 0, 1, 0, 0, 0, 0, 1)).max() > PLACE_TOLERANCE_MM:
@@ -270,6 +276,7 @@ def _product_problems(tape: Tape, products: dict[str, list[list[float]]]) -> lis
         return [f"{len(products)} products with {sum(map(len, products.values()))} solids, not a board and a part of one each"]
     problems = []
     for what, (volume, centre, low, high) in expected.items():
+        # by volume, as names of products are for people
         volumes = [solid for solid in solids if np.isclose(solid[0], volume, rtol=VOLUME_TOLERANCE, atol=0.0)]
         if not volumes:
             problems.append(f"no product has the {what}'s {volume:.6f} mm3")

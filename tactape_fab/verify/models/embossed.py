@@ -81,6 +81,7 @@ def _check_rows(tape: Tape, placed: Placed) -> Check:
         problems.append("its designators are not the tape's")
     if not np.array_equal(placed.cells, tape.cells()):
         problems.append("its columns and rows are not the tape's")
+    # |v|^2 - 1 is twice the error of a length: nine decimals leave some 1e-9
     lengths = np.stack([(v * v).sum(axis=1) - 1 for v in (placed.x_axis, placed.normal)])
     askew = max(float(np.abs(lengths).max()), float(np.abs((placed.x_axis * placed.normal).sum(axis=1)).max()))
     if askew > 1e-6:
@@ -91,12 +92,15 @@ def _check_rows(tape: Tape, placed: Placed) -> Check:
 
 def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]:
     """Vertices of the upper part of elements: the nearest grid point of each, and its coordinates in that point's frame."""
+    # an element stays in its cell, whose corner is W / sqrt 2 from the grid point, and is this high
     reach_mm = tape.pitch_mm / 2**0.5 + tape.part.body_mm[2]
     distance, owner = nearest(placed.grid_mm, mesh.vertices_mm, within_mm=reach_mm)
     near = np.isfinite(distance)
     owner = owner[near]
     axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
+    # rows of `axes` are the directions of the grid point's element: scalar products are coordinates in its frame
     local = np.einsum("nij,nj->ni", axes[owner], mesh.vertices_mm[near] - placed.grid_mm[owner])
+    # under a foot the part's own surface rises by half the height at most (`too_curved`)
     high = local[:, 2] > _TOP_FROM * tape.part.body_mm[2]
     return owner[high], local[high]
 
@@ -111,6 +115,7 @@ def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -
         missing = [placed.designators[i] for i in np.flatnonzero(~there)[:5]]
         message = f"{int((~there).sum())} elements are not there, such as {', '.join(missing)}"
         return Check(name="elements", passed=False, message=message, figure=float(there.sum()))
+    # middle of the bounds, as vertices of a boolean's result are unevenly spread
     found = np.c_[(low[:, :2] + high[:, :2]) / 2, high[:, 2]]
     error = np.linalg.norm(found - moved - (0.0, 0.0, tape.part.body_mm[2]), axis=1)
     worst = int(error.argmax())

@@ -69,6 +69,7 @@ def expected_of_embossed(volume_mm3: float, bodies: int, files: Mapping[str, Wri
     return Expected(
         volume_mm3=volume_mm3,
         tolerance=EMBOSSED_VOLUME_TOLERANCE,
+        # the manifest's volume is that of this mesh: readers differ in their float32 sums alone
         mesh_tolerance_mm3=1e-4 * volume_mm3,
         faces=faces_of(files),
         bodies=bodies,
@@ -83,6 +84,7 @@ def film_centre_mm(tape: Tape) -> tuple[float, float, float]:
     whole = w * h - (4 - pi) * r**2
     holes = np.array(tape.board.holes).reshape(-1, 3)
     areas = pi / 4 * holes[:, 2] ** 2
+    # first moments: the outline is symmetrical about its middle, each hole takes its area away at its own place
     middle = (whole * np.array([w, h]) / 2 - areas @ holes[:, :2]) / (whole - areas.sum())
     return float(middle[0]), float(middle[1]), -tape.board.thickness_mm / 2
 
@@ -98,8 +100,10 @@ def solid_centre_mm(tape: Tape, form: SolidForm) -> FloatArray | None:
     parts = tape.part_count * element
     middle = np.array([*tape.part_xy_mm().mean(axis=0), height / 2])
     if form.negative:
+        # a slab as high as cavities and base together, less the cavities, which hang down from z = 0 to the height in this frame
         base = solid_volume_mm3(tape, form) + parts
         centre = (base * np.array([x, y, (height + form.base_mm) / 2]) - parts * middle) / (base - parts)
+        # half a turn about board y, as the file has it
         turned: FloatArray = centre * (-1.0, 1.0, -1.0)
         return turned
     base = solid_volume_mm3(tape, form) - parts

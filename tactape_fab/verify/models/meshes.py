@@ -80,16 +80,19 @@ def mesh_volume_tolerance_mm3(tape: Tape, form: SolidForm) -> float:
     """Allowed difference between the volumes of a mesh and its solid, mm^3: chords cut off a little of every curve."""
     dome = 0.0
     if tape.part.shape == "dome":
+        # of one dome as it is meshed on a plane, without the part below its foot
         vertices, faces = closed_element(tape.part, 0.0)
         chords = element_volume_mm3(tape.part) - Mesh(vertices_mm=vertices, faces=faces).volume_mm3
         dome = _DOME_CHORDS * tape.part_count * chords
     width, height = tape.board.size_mm
+    # walls of outline and holes may be off by a chord's sagitta over their whole area, rounded or not
     deep_mm = form.base_mm + (tape.part.body_mm[2] if form.negative else 0.0)
     curved_mm2 = (2 * (width + height) + sum(pi * d for _, _, d in tape.board.holes)) * deep_mm
     if form.cylinder is not None:
         along, across = (width, height) if form.cylinder.around == "x" else (height, width)
         back_mm = form.cylinder.radius_mm + (form.base_mm + tape.part.body_mm[2] if form.negative else 0.0)
         length = form.cylinder.circumference_mm if form.cylinder.shell == "whole" else along
+        # one set of cuts for both sides: on a larger radius the area grows with it, and so does the sagitta
         curved_mm2 = length * across * max(back_mm / form.cylinder.radius_mm, 1.0) ** 2
     return dome + 1e-5 * solid_volume_mm3(tape, form) + _CHORD_TOLERANCE_MM * curved_mm2
 
@@ -111,6 +114,7 @@ def _check_elements(tape: Tape, form: SolidForm, mesh: Mesh) -> list[Check]:
 
 def _place_problems(tape: Tape, cells: IntArray, centres_mm: FloatArray, tolerance_mm: float) -> tuple[list[str], float]:
     """Fault of the element centres found in cells, and the largest distance from a nominal centre, um."""
+    # row * columns + column, as `cells_of` numbers them
     grid = tape.cells() @ (1, tape.columns)
     order = np.argsort(grid, kind="stable")
     if not np.array_equal(np.sort(cells), grid[order]):
@@ -139,6 +143,7 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
         raise MeshError(f"it cannot be unpacked: {error}") from error
     if not re.search(rb'<model\b[^<>]{0,2000}\bunit="millimeter"', text):
         raise MeshError("its unit is not the millimetre")
+    # as this tool writes it: one object, placed once, nothing put together or moved, where another reader could see more
     parts = {b"<?xml ": 1, b"<model ": 1, b"<object ": 1, b"<item ": 1, b"<component": 0, b"transform": 0}
     if not text.startswith(b"<?xml ") or any(text.count(part) != count for part, count in parts.items()):
         raise MeshError("it does not build one object where it stands")
@@ -160,6 +165,7 @@ def check_threemf(data: bytes, stl: Mesh) -> Check:
         mesh = read_threemf(data, 1_000_000 + _TEXT_PER_TRIANGLE * len(stl.faces))
     except MeshError as error:
         return Check(name="3mf", passed=False, message=str(error))
+    # six decimals in the 3MF, 24 bits of mantissa in the STL: the rounding of both, with room
     tolerance = 2e-6 + 2.0**-23 * float(np.abs(stl.vertices_mm).max())
     alike = mesh.faces.shape == stl.faces.shape
     error_mm = float(np.abs(mesh.corners_mm - stl.corners_mm).max()) if alike else 0.0
@@ -189,8 +195,10 @@ def _anchors(tape: Tape, data: bytes) -> FloatArray:
 
     Raises ValueError if the text holds something that is not a point.
     """
+    # by name, as vertices and placements refer to their points in any order
     points = {_name_before(data, found.start()): found[1] for found in _POINT.finditer(data)}
     if tape.part.shape == "block":
+        # corners of the base are among them: they are not raised, and fall out later
         wanted = _VERTEX.findall(data)
     else:
         axes = dict(_AXES.findall(data))
@@ -212,6 +220,7 @@ def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDA
             numbers = np.fromstring(b" ".join(flat), dtype=kind, sep=" ")
         except DeprecationWarning as warning:
             raise ValueError(str(warning)) from warning
+    # a value such as "1 2" would give two numbers, and shift all that follow
     if len(numbers) != len(flat):
         raise ValueError(f"{len(numbers)} numbers where there are {len(flat)}")
     if kind is np.float64 and numbers.size and not np.abs(numbers).max() <= _FURTHEST:  # NaN included
@@ -244,6 +253,7 @@ def _check_solid_text(tape: Tape, form: SolidForm, data: bytes) -> Check:
     faces, own = data.count(b"=ADVANCED_FACE("), faces_of_elements(tape)
     if (solids, shells) != (1, 1):
         problems.append(f"{solids} solids of {shells} shells instead of one")
+    # a base has a top, a back and a wall at least
     if faces < own + 3:
         problems.append(f"{faces} faces, fewer than the {own} of {tape.part_count} elements and a base")
     if not problems:
@@ -266,6 +276,7 @@ def _check_assembly_text(tape: Tape, data: bytes, cpl: CplContent | None) -> Che
         problems.append(f"{len(names)} occurrences where the CPL has {len(designators)}: {named(odd) or 'a name occurs twice'}")
     else:
         places = dict(zip(designators, xy, strict=True))
+        # the pattern lets only digits, sign and point through, so no value fails here
         written = np.array([row[:3] for row in found], dtype="S").astype(np.float64)
         off = np.hypot(*(written[:, :2] - np.array([places[name] for name in names])).T) + np.abs(written[:, 2])
         error_mm = float(off.max())

@@ -54,6 +54,7 @@ def _bounds(solid: Any) -> list[float]:
     from OCP.BRepBndLib import BRepBndLib
 
     box = Bnd_Box()
+    # exact bounds, of the shape and not of a mesh, without adding tolerances
     BRepBndLib.AddOptimal_s(solid, box, False, False)
     return [*_xyz(box.CornerMin()), *_xyz(box.CornerMax())]
 

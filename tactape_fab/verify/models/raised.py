@@ -35,6 +35,7 @@ class Raised:
 def cells_of(tape: Tape, xy_mm: FloatArray) -> tuple[IntArray, BoolArray]:
     """Index (row * columns + column) of the grid cell of each board point, and whether it lies in a cell."""
     with np.errstate(invalid="ignore"):  # what is too far for a number is in no cell, whatever becomes of it
+        # displacement and body stay within half a pitch of the grid point, so every corner rounds to its own cell
         cell = np.rint(board_to_texture(xy_mm, tape.board.texture_origin_mm) / tape.pitch_mm).astype(np.int64)
     inside: BoolArray = np.asarray(((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1))
     key: IntArray = cell[:, 1] * tape.columns + cell[:, 0]
@@ -46,6 +47,7 @@ def is_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> BoolArray:
     height_mm = tape.part.body_mm[2]
     raised: BoolArray = points_mm[:, 2] > _RAISED_SHARE * height_mm
     if form.negative:
+        # in the frame of the texture a mould's back lies above the cavities' floors, which are the tops
         raised &= points_mm[:, 2] < height_mm + form.base_mm / 2
     return raised
 
@@ -71,6 +73,7 @@ def find_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> Raised:
     low, most = bounds_of_groups(count, key[inside], points[inside, :2])
     there = np.flatnonzero(np.isfinite(low[:, 0]))
     centres = np.zeros((count, 2))
+    # bounds of a block turned by any angle, of a circle of a multiple of four points: their middle is the element's
     centres[there] = (low[there] + most[there]) / 2
     offset = np.column_stack([points[inside, :2] - centres[key[inside]], points[inside, 2]])
     return Raised(
@@ -89,14 +92,17 @@ def _shape_error_mm(tape: Tape, form: SolidForm, offset_mm: FloatArray) -> float
         wrap = wrap_of(tape, form, form.cylinder)
         part = wrap.part
         ab = offset_mm[:, :2] @ wrap.from_board.T
+        # unwrapped offsets are arcs: turned back about the axis into the element's tangent frame, where it is not bent
         out = wrap.radius_mm + offset_mm[:, 2]
         angle = ab[:, 0] / wrap.radius_mm
         local = np.column_stack([out * np.sin(angle), ab[:, 1], out * np.cos(angle) - wrap.radius_mm])
     height = part.body_mm[2]
     if part.shape == "block":
         corners = np.column_stack([block_corners_mm(part), np.full(4, height)])
+        # every raised vertex of a block must be a corner of its top; the mesh has no others above the foot
         error = np.linalg.norm(local[:, None] - corners, axis=2).min(axis=1)
     elif part.top_mm is not None:
+        # a flank has no vertices between foot and top: raised ones are on the top's rim
         error = np.hypot(np.hypot(local[:, 0], local[:, 1]) - part.top_mm / 2, local[:, 2] - height)
     else:
         sphere_mm = sphere_radius_mm(part)

@@ -42,6 +42,7 @@ def step_text(data: bytes) -> StepText:
     """The data section of a STEP file (ISO 10303-21), not parsed."""
     header, _, body = data.partition(b"\nDATA;\n")
     return StepText(
+        # colours are no part of a shape, and are not known here
         digest=hashlib.sha256(_COLOUR.sub(b"", body)).digest(),
         count=Counter(word.upper() for word in _KEYWORD.findall(body)),
         plain=len(header) < _LONGEST_HEADER and b"/*" not in data,
@@ -61,6 +62,7 @@ def strange(found: StepText, own: StepText) -> str | None:
     """Fault of a STEP file that no version writes for this tape; None if it may be given to a CAD kernel."""
     if not found.plain:
         return "it has comments or a long header"
+    # kinds that this version does not write have no entry, so that one of them is one too many
     most = {kind: _MORE * count + _SPARE for kind, count in own.count.items()}
     many = [f"{count} of {kind.decode()[:60]}" for kind, count in found.count.items() if count > most.get(kind, 0)]
     return f"it holds entities that such a tape has no use for: {named(many)}" if many else None

@@ -42,10 +42,12 @@ def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: No
     x0, y0 = tape.board.texture_origin_mm
     step_mm = max(sqrt(width_mm * height_mm / _PLACES), _LEAST_STEP_MM)
     x_mm, y_mm = (_middles(side, step_mm) for side in (width_mm, height_mm))
+    # texture x = board x - x0, texture y = y0 - board y: rows from the upper edge, board y = height - y
     x_mm, y_mm = x_mm - x0, y_mm + y0 - height_mm
     share = np.zeros((len(y_mm), len(x_mm)))
     for place, (j, i) in enumerate(np.ndindex(share.shape)):
         for turn in range(TURNS):
+            # the golden angle of half a turn spreads the angles of neighbouring places evenly: three of them a place do for a map
             theta_deg = (place * _GOLDEN_DEG + turn * 180.0 / TURNS) % 360.0 - 180.0
             share[j, i] += error_free(rule, np.array([x_mm[i], y_mm[j], theta_deg]), contact.scene).located
         progress("map: place", place + 1, share.size)

@@ -89,6 +89,7 @@ def rule_of(tape: Tape, sensor: SensorProfile, margin: float = 1.0) -> Rule:
         tape=tape,
         sensor=sensor,
         world=register([tape], unregistered_share=UNREGISTERED_SHARE),
+        # both bounds are ratios of likelihoods, so a stricter rule has both moved by the same factor
         limits=Limits(max_p_false=MAX_P_FALSE / margin, kappa=KAPPA * margin),
         view=view,
     )
@@ -116,6 +117,7 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, to
     """
     dots, view = _dots_of(rule, depth), make_view(rule.tape, pose[:2], float(pose[2]), rule.sensor, scene)
     board = view.to_board(view.from_px(dots.xy_px))
+    # in pitches on the true grid: grid points are whole numbers, and no grid has to be found
     at = board_to_texture(board, rule.tape.board.texture_origin_mm) / rule.tape.pitch_mm
     weights, trust = dots.weights, dots.trust
     turns = turn_weights(dots.elongation, dots.weights, dots.trust, _grid_of(rule, view), rule.tape.part)
@@ -131,11 +133,13 @@ def _told(
     at: FloatArray, weights: FloatArray, trust: FloatArray, part_at: FloatArray, part_weights: FloatArray, part_trust: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Parts, each at the nearest top of its grid point if there is one, and all dots of other grid points."""
+    # a top belongs to a part if both are nearest to one grid point; (tops, parts)
     same = (np.rint(at)[:, None] == np.rint(part_at)).all(axis=2)
     beside, topped = ~same.any(axis=1), same.any(axis=0)
     if topped.any():
         far = np.where(same, ((at[:, None] - part_at) ** 2).sum(axis=2), np.inf)
         top = far.argmin(axis=0)[topped]
+        # the place that the noise gave the top, and its height; trust stays 1, since it is given that it is a part
         part_at[topped], part_weights[topped] = at[top], weights[top]
     return (
         np.concatenate([part_at, at[beside]]),
@@ -153,18 +157,24 @@ def _on_own_grid(rule: Rule, at: FloatArray, weights: FloatArray, trust: FloatAr
     inside = (nodes >= 0) & (nodes < (tape.columns, tape.rows))
     on_tape: BoolArray = inside[:, 0] & inside[:, 1]
     column, row = np.where(on_tape[:, None], nodes, 0).T
+    # where the part stands by its true symbol: the fit then has no symbols to guess
     own = nodes + rule.view.shift * DIRECTIONS_XY[tape.symbols[row, column]]
+    # a top farther off is another's, or one of the noise: it would pull the grid as no reader who knows the parts lets it
     known = np.where(on_tape & tape.placed[row, column] & (np.hypot(*(at - own).T) < _OWN_PLACE), trust, 0.0)
     good = np.where(weights >= GOOD_WEIGHT, known, 0.0)
     to, sigma, placed = own @ (1.0, 1.0j), USUAL_SIGMA, at @ (1.0, 1.0j)
+    # too few for four unknowns and an error: the true grid stands in, with the usual error
     if np.count_nonzero(known) < LEAST_DOTS:
         return at, sigma
     # points as complex numbers: a turn and a scale are one factor, which least squares give directly
     for _ in range(_FIT_STEPS):
+        # weights depend on the error, and that on the fit: three rounds settle both
         w = known / squared_errors(weights, sigma)
         middle, aim = w @ placed / w.sum(), w @ to / w.sum()
+        # least of sum w |aim + f (p - middle) - to|^2 over the complex f: its normal equation, with both means taken out
         factor = (w * np.conj(placed - middle)) @ (to - aim) / (w @ np.abs(placed - middle) ** 2)
         placed = aim + factor * (placed - middle)
+        # of good dots only, as that is what sigma is the error of
         sigma = sigma_of(float(good @ np.abs(placed - to) ** 2), float(good.sum()))
     return np.stack([placed.real, placed.imag], axis=1), sigma
 
@@ -180,6 +190,7 @@ def _dots_of(rule: Rule, depth: FloatImage) -> Dots:
     """The dots of a frame: places in the canonical image, elongations as in square pixels."""
     sensor = rule.sensor
     dots = frame_dots(canonical_frame(depth, sensor), sensor)
+    # scale of an image row that makes its pixels square: distances and directions of dots are compared there
     aspect = sensor.px_per_mm[0] / sensor.px_per_mm[1]
     square, elongation = np.array([1.0, aspect]), square_pixels(dots.elongation, aspect)
     dots = settled(replace(dots, xy_px=dots.xy_px * square, elongation=elongation), rule.view.pitch_px, rule.view.shift)
@@ -188,6 +199,7 @@ def _dots_of(rule: Rule, depth: FloatImage) -> Dots:
 
 def _grid_of(rule: Rule, view: Seen) -> FloatArray:
     """The true grid in the frame, as `grid.fit.fit_grid` would have it but for its place: the texture's x axis, square pixels."""
+    # the inverse of the turn from image to texture takes the texture's x axis into the image
     along = view.turn.T @ np.array([1.0, 0.0])
     return np.array([*(rule.view.pitch_px * along), 0.0, 0.0])
 
@@ -199,12 +211,15 @@ def _verdict(rule: Rule, at: FloatArray, weights: FloatArray, trust: FloatArray,
     if n < LEAST_DOTS:
         return empty
     nodes = np.rint(at).astype(np.int64)
+    # from each place round the dot's grid point, in pitches squared, as the decoder's fit has them
     squares = ((at[:, None] - nodes[:, None] - shift * _AROUND[rule.view.directions]) ** 2).sum(axis=2)
     q = posteriors(nodes, squares, weights, trust, sigma)
+    # axis along x and origin 0: `at` times the pitch are pixels of an image that lies on the texture
     grid = np.array([rule.view.pitch_px, 0.0, 0.0, 0.0])
     tapes, families, centre_px = rule.world.tapes, rule.world.families, rule.view.centre_px
     place = search(tapes, families, nodes, q, turns, grid, centre_px, None, limits.precision)
     if place is None:
         return empty
     dots = Dots(xy_px=at * rule.view.pitch_px, weights=weights, trust=trust)
+    # the search knows which grid is the true one, so it is the first of the grids tried, with that one's prior weight
     return accept_place(dots, Reading(place=place, grid_weight=log(GRID_SHARES[0])), rule.view, rule.world, limits)[0]

@@ -156,6 +156,7 @@ def _legend(contact: Contact, trips: Sequence[Trip]) -> list[tuple[float | int, 
 
 def _areas(coverage: Coverage, shape: tuple[int, int]) -> Picture:
     """Cells of a coverage stretched over a board of some pixels."""
+    # nearest cell: a cell is an answer at its middle, which interpolation would blur
     rows = np.arange(shape[0]) * len(coverage.y_mm) // shape[0]
     columns = np.arange(shape[1]) * len(coverage.x_mm) // shape[1]
     return _hatched(coverage.share[rows[:, None], columns[None]])
@@ -230,6 +231,7 @@ def _text(picture: Picture, text: str, at: tuple[int, int], size: float = 0.58) 
 
 
 def _fixed(at: tuple[float, float]) -> tuple[int, int]:
+    # OpenCV draws at fixed-point places with so many fractional bits
     return round(at[0] * 2**_SUBPIXEL), round(at[1] * 2**_SUBPIXEL)
 
 

@@ -47,6 +47,8 @@ def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
     if len(xy_mm) == 0:
         return "it has no parts"
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
+    # mean resultant of the phases along each axis; where half of the parts are displaced along it, it is
+    # (1 + cos(2 pi Delta / W)) / 2 for exact ones: 0.75 at Delta = W / 6
     order = np.abs(np.exp(2j * np.pi * texture_mm / tape.pitch_mm).mean(axis=0))
     if order.min() < _LEAST_ORDER:
         return f"its parts stand on no grid of pitch {tape.pitch_mm:g} mm"
@@ -69,17 +71,21 @@ def _best(tape: Tape, texture_mm: FloatArray) -> _Named | None:
 
 def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarters: int) -> _Named | None:
     """The place that the windows give once a mirror and some quarter turns of the tape are undone."""
+    # a turn of the whole tape: undone before symbols are read, as it turns their directions too
     upright = texture_mm @ np.linalg.matrix_power(_QUARTER, -quarters).T
     if mirrored:
         upright = upright @ _MIRROR
+    # circular mean of the places modulo the pitch: displacements to both sides cancel as far as the symbols are even
     phase_mm = np.angle(np.exp(2j * np.pi * upright / tape.pitch_mm).mean(axis=0)) / (2 * np.pi) * tape.pitch_mm
     cell = np.rint((upright - phase_mm) / tape.pitch_mm).astype(np.int64)
     moved = upright - phase_mm - cell * tape.pitch_mm
+    # cells counted from the least that is taken; where that lies on the tape is what windows say
     first = cell.min(axis=0)
     columns, rows = (cell.max(axis=0) - first + 1).tolist()
     if columns * rows > _MOST_CELLS:
         return None
     column, row = (cell - first).T
+    # other codes have four directions
     directions = tape.directions if name == tape.code else USUAL_DIRECTIONS
     shown = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY[:directions], axis=2).argmin(axis=1)
     symbols, there = np.zeros((rows, columns), dtype=np.uint8), np.zeros((rows, columns), dtype=bool)
@@ -90,15 +96,18 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
     if min(columns, rows) < window:
         return None
     places = _places_in_matrix(tape, symbols) if code.plane is None else locate_windows(code.plane, symbols)
+    # cells without a part have symbol 0 and would decode to something
     whole = np.lib.stride_tricks.sliding_window_view(there, (window, window)).all(axis=(2, 3))
     r, c = np.nonzero(places.valid & whole)
     if len(r) == 0:
         return None
+    # less its own corner every window of one patch says the same origin: the most frequent one is the patch's
     said = np.stack([places.sector[r, c], places.column[r, c] - c, places.row[r, c] - r], axis=1)
     kinds, times = np.unique(said, axis=0, return_counts=True)
     sector, origin_column, origin_row = kinds[times.argmax()].tolist()
     plane = np.array([origin_column, origin_row]) - tape.origin
     rest_mm = np.median(moved - tape.displacement_mm * DIRECTIONS_XY[shown], axis=0)  # uneven symbols bias the phase
+    # found: phase + (first + c) W; by the manifest: (plane + c) W for the same window
     offset = phase_mm + rest_mm + (first - plane) * tape.pitch_mm
     return _Named(
         share=float(times.max() / whole.sum()),
@@ -116,6 +125,7 @@ def _places_in_matrix(tape: Tape, symbols: SymbolArray) -> WindowPlaces:
     side = get_code(tape.code).window
     known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=1, directions=tape.directions)
     seen = windows_of(symbols, np.ones(symbols.shape, dtype=bool), side, turns=1, directions=tape.directions)
+    # one word holds a window: 4 x 4 symbols of 3 bits are 48 of its 64; sorted for a binary search
     order = known.words[0][0].argsort(kind="stable")
     words = known.words[0][0][order]
     at = np.minimum(np.searchsorted(words, seen.words[0][0]), len(words) - 1)
@@ -138,9 +148,11 @@ def _in_words(tape: Tape, named: _Named) -> str | None:
         said.append(f"it is turned by {(0, 90, 180, -90)[named.quarters]} deg")
     if said:
         return "; ".join(said)
+    # board y goes up, texture y down
     x, y = round(named.offset_mm[0], 4) + 0.0, round(-named.offset_mm[1], 4) + 0.0
     if max(abs(x), abs(y)) <= _TOLERANCE_MM:
         return None
+    # farther than the board is no shift of a tape but another place of the code
     if max(abs(x), abs(y)) > max(tape.board.size_mm):
         origins = "{},{}, not {},{}".format(*named.origin, *tape.origin)
         return f"its parts are those of sector {named.sector} at origin {origins}"

@@ -39,6 +39,7 @@ def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float
     pairs: Pairs found in that direction, if known.
     """
     tried = [pair_lands(flash_xy_mm, offset_mm, rotation_deg) if pairs is None else pairs]
+    # pairs of a mirrored and of a turned copper layer: the trip must see its parts to say what is wrong with them
     for turn_deg in dict.fromkeys((180.0 - rotation_deg, rotation_deg + 90.0)):
         if not len(tried[-1].alone):
             break
@@ -51,12 +52,14 @@ def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float
 def stl_source(tape: Tape, form: SolidForm, mesh: Mesh) -> Source:
     """Elements of a solid: each connected patch of its mesh well above the base, at any place."""
     points = unwrapped(mesh.vertices_mm, tape, form)
+    # triangles whose corners are all high: tops hang together, and no wall joins two of them
     faces = mesh.faces[is_raised(tape, form, points)[mesh.faces].all(axis=1)]
     patch = _patches(len(points), faces)
     used = np.unique(faces)
     _, number = np.unique(patch[used], return_inverse=True)
     count = int(number.max(initial=-1)) + 1
     low, most = bounds_of_groups(count, number, points[used, :2])
+    # the middle of the bounds, not of the vertices, which are denser where cuts of a cylinder cross
     return Source(name="STL", parts=Parts(xy_mm=(low + most) / 2, rotation_deg=np.full(count, tape.part.rotation_deg)))
 
 
@@ -67,6 +70,7 @@ def _patches(count: int, faces: IntArray) -> IntArray:
         least = patch[faces].min(axis=1)
         joined = patch.copy()
         np.minimum.at(joined, faces.ravel(), np.repeat(least, 3))
+        # the label of a label: chains halve in each round
         joined = joined[joined]
         if np.array_equal(joined, patch):
             return joined

@@ -124,7 +124,9 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
 
     That method cannot read the touch code, which has no windows: these contacts are decoded with all their dots.
     """
+    # 24 px a pitch whatever the tape: the paper's method has its figures in pixels
     px_per_mm = _QUICK_PITCH_PX / tape.pitch_mm
+    # a square that holds a window and its margin at 45 deg, the turn that takes most room
     side_px = ceil(sqrt(2) * (get_code(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
     sensor = SensorProfile(name="quick", title="", width_px=side_px, height_px=side_px, px_per_mm=(px_per_mm, px_per_mm))
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
@@ -132,6 +134,7 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
 
     def excuse(_: int, pose: FloatArray) -> int:
         xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
+        # the same pose with dots from the manifest's places, free of error: what these cannot locate is no fault of the file
         return LOST if locate_dots(xy_px).located else LIMITED
 
     poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
@@ -182,8 +185,10 @@ def full_trips(
     contact = contact or read_contact()
     sensor, scene = contact.sensor, contact.scene
 
+    # the time of a contact grows with the sectors that it is compared with
     fewer = FEWER if (plane := get_code(tape.code).plane) is not None and plane.sectors > MANY_SECTORS else 1
     each = [(max(n // fewer // len(sources), 1), edge) for n, edge in zip(counts, (False, True), strict=True)]
+    # other poses for each source: together they cover the field more densely
     poses = [
         np.concatenate([draw_poses(tape, n, seed, sensor, scene, edge=edge) for n, edge in each]) for seed in range(len(sources))
     ]
@@ -193,11 +198,14 @@ def full_trips(
     rule, stricter = rule_of(tape, sensor), rule_of(tape, sensor, MARGIN)
 
     def excuse(source: Source, number: int, pose: FloatArray) -> int:
+        # from the most that a reader can be given to the least: the first answer that fails is what the contact lacked
         if not error_free(rule, pose, scene).located:
             return LIMITED
+        # the same noise as in the frame that was missed, over the parts of the tape instead of those of the file
         own = frame_at(tape, number, pose, _SEED, sensor, scene)
         if not as_seen(rule, pose, scene, own.depth, told_parts=True).located:
             return NOISY
+        # with the margin, as the ideal reader's grid is fitted with the symbols known (see `MARGIN`)
         if not as_seen(stricter, pose, scene, own.depth, told_parts=False).located:
             return BARELY
         return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
@@ -239,6 +247,7 @@ def check_measured(tape: Tape, contact: Contact | None = None) -> Check:
         said.append(f"by {places} {len(error_um)} right{wrong}, error p50 {p50_um[-1]:.1f} um")
     right, design = (trip.count(RIGHT) for trip in trips)
     good = not trips[0].count(WRONG)
+    # parts scattered less than 20 um move a position by less than its own error: there measured places need not be better
     useful = right >= design and (tape.as_built.scatter_mm < SEEN_MM or p50_um[0] < p50_um[1])
     message = f"of {MEASURED} contacts of the measured parts {', '.join(said)}"
     return Check(
@@ -283,6 +292,7 @@ def _off_mm(frame: Frame, position_mm: tuple[float, float]) -> float:
 def _is_right(tape: Tape, frame: Frame, fix: Localization) -> bool:
     if not fix.located or fix.position_mm is None or fix.theta_deg is None:
         return False
+    # the difference of two angles, between 0 and 180 deg
     turn_deg = abs((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
     return _off_mm(frame, fix.position_mm) <= _RIGHT_PITCHES * tape.pitch_mm and turn_deg <= _RIGHT_DEG
 
@@ -330,6 +340,7 @@ def _problems(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> 
         yield f"the decoder says {times} times: {reason}"
     cause = explain(tape, source.parts.xy_mm)
     if cause is not None:
+        # one file is named at fault only where another one of the same kit is right
         yield f"the {source.name} is what is wrong: {cause}" if any(not t.failed for t in trips) else f"{source.name}: {cause}"
     fine = [t.source for t in trips if not t.failed]
     if fine:

@@ -39,6 +39,7 @@ def parts_shown(tape: Tape, pose: FloatArray, scene: Scene, sensor: SensorProfil
     """
     dots = dots_of(tape, pose.tolist(), scene, 0, ERROR_FREE, sensor=sensor)
     view = make_view(tape, pose[:2], float(pose[2]), sensor, scene)
+    # wholly on the board there is no edge to swallow parts
     outline, board = view.to_board(contact_outline_mm(scene, view.half_field_mm)), tape.board
     if inset_mm(outline, board.size_mm, board.corner_radius_mm).min() >= 0.0:
         return dots.part
@@ -50,4 +51,5 @@ def in_place(tape: Tape, shown: IntArray, parts: Parts) -> bool:
     """Whether a file's parts are at the places of the tape's visible parts, with no others among them."""
     apart = tape.part_xy_mm()[shown][:, None] - parts.xy_mm[None]
     distance = np.hypot(apart[..., 0], apart[..., 1])
+    # one part within half a pitch, so that none is missing or there twice, and that one in its place
     return bool(((distance < tape.pitch_mm / 2).sum(axis=1) == 1).all() and (distance.min(axis=1) <= IN_PLACE_MM).all())
