@@ -78,7 +78,6 @@ def element_rings_mm(part: TapePart) -> FloatArray:
         radii, heights = np.array([length_mm, part.top_mm]) / 2, np.array([0.0, height_mm])
     else:
         sphere_mm = sphere_radius_mm(part)
-        # rings at equal angles from foot to apex, the apex itself left out
         polar = _cap_rad(part) * (1 - np.arange(count := dome_rings(part)) / count)
         radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
         # arc sine and cosine leave some 1e-17 mm here; a foot lies in the plane exactly

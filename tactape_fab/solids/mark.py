@@ -104,7 +104,6 @@ class Mark:
     def _loop(self, ring: shapely.LinearRing, *, ccw: bool) -> FloatArray:
         loop = self.board_mm(shapely.get_coordinates(ring)[:-1])
         corners = loop - np.roll(loop, 1, axis=0)
-        # cross product of the sides before and behind a corner: 0 on a straight side
         turns = corners[:, 0] * np.roll(corners, -1, axis=0)[:, 1] - corners[:, 1] * np.roll(corners, -1, axis=0)[:, 0]
         loop = loop[turns != 0.0]  # simplify keeps the first point, even on a straight side
         x, y = loop.T

@@ -27,7 +27,6 @@ def solid_volume_mm3(tape: Tape, form: SolidForm) -> float:
     back_mm = cylinder.radius_mm + (height_mm + form.base_mm if form.negative else -form.base_mm)
     # a sector of a ring has the area |R1^2 - R2^2| / 2 per radian; a mould's back is outside of z = 0, a texture's inside
     shell = abs(cylinder.radius_mm**2 - back_mm**2) / 2 * angle_rad * across_mm
-    # counted from the direction that runs round the cylinder, which is board x or board y
     rotation_deg = tape.part.rotation_deg - (0.0 if around_x else 90.0)
     elements = tape.part_count * wrapped_volume_mm3(tape.part, cylinder.radius_mm, rotation_deg)
     return shell - elements - sunk if form.negative else shell + elements - sunk

@@ -235,7 +235,7 @@ def _page_problem(data: bytes, *, own_version: bool) -> str | None:
     policy, lower = _POLICY.match(data), data.lower()
     if policy is None:
         return "it does not begin with the policy that keeps a browser from running and fetching"
-    # HTML knows no case of letters; two scripts are the data and the page's own
+    # tags of HTML may be in capitals; the two scripts are the data and the page's own
     if [lower.count(word) for word in (b"<script", b"http-equiv", b"<style")] != [2, 1, 1]:
         return "it has another script, style or directive than its own"
     for allowed, tag in zip(policy.groups(), (b"script", b"style"), strict=True):
@@ -273,7 +273,6 @@ def check_signature(role: str, data: bytes) -> str | None:
         # as a command or as a standardised comment (Gerber 2024.05 section 5.1.1); a name of a part may hold the same text
         before = next((mark for mark in (b"%", b"G04 #@! ") if data.endswith(mark, 0, found.start())), None)
         if before is not None:
-            # all bytes before the command, line ends left out
             signed = data[: found.start() - len(before)].replace(b"\n", b"").replace(b"\r", b"")
             right = hashlib.md5(signed, usedforsecurity=False).hexdigest().encode() == found.group(1)
             return None if right else f"{role}: its .MD5 signature does not fit its content"

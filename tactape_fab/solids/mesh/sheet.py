@@ -250,7 +250,6 @@ class _Builder:
         ids = np.full(len(points), -1, dtype=np.int64)
         near = []
         for lines, values in ((self._a, points[:, 0]), (self._lattice.b_mm, points[:, 1])):
-            # the nearer of the two lines next to each value
             after = np.clip(np.searchsorted(lines, values), 1, len(lines) - 1)
             near.append(np.where(values - lines[after - 1] < lines[after] - values, after - 1, after))
         on = (np.abs(self._a[near[0]] - points[:, 0]) < _SAME_MM) & (

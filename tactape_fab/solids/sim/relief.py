@@ -79,7 +79,6 @@ def stamps(
     out = []
     xy = tape.part_xy_mm()
     for some in np.array_split(xy, max(1, len(xy) * len(du) // 4_000_000)):
-        # centre of pixel u is at u + 0.5; rows count from the upper edge
         place = np.stack([some[:, 0] * px_per_mm, (tape.board.size_mm[1] - some[:, 1]) * px_per_mm], axis=1) - 0.5
         near = np.rint(place).astype(np.int64)
         u, v = near[:, :1] + du, near[:, 1:] + dv

@@ -33,7 +33,6 @@ def _lines_mm(tape: Tape, wrap: Wrap, axis: int, step: int) -> list[float]:
 def strip_angles(tape: Tape, form: SolidForm, wrap: Wrap) -> list[float]:
     """Angles between which the outer cylinder is one strip each; of a whole shell the last is the first plus a turn."""
     start, end = wrap.ends_rad
-    # 6 cells, or fewer where these would take more than a third of a turn
     cells = max(1, min(CELLS_PER_TILE, floor(MOST_STRIP_RAD * wrap.radius_mm / tape.pitch_mm)))
     lines = [float(wrap.angle_rad(a)) for a in _lines_mm(tape, wrap, 0, cells)]
     if wrap.cylinder.shell == "segment":

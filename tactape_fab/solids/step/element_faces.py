@@ -90,7 +90,6 @@ def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatAr
     corners = block_corners_mm(part)
     along = np.column_stack([np.roll(corners, -1, axis=0) - corners, np.zeros(4)])
     along = along / np.linalg.norm(along, axis=1, keepdims=True) @ turn.T
-    # directions, vectors and the plane of all tops are written once, for all copies to refer to
     up = turn @ (0.0, 0.0, 1.0)
     up_name, along_names = w.direction(up), [w.direction(d) for d in along]
     vectors = [w.add(f"VECTOR('',{d},1.)") for d in along_names]
@@ -143,7 +142,6 @@ def _flat_dome(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArr
         faces: tuple[int, ...] = (t.face([(foot, True), (seam, True), (seam, False)], sphere),)
     else:
         top_mm = part.top_mm / 2
-        # direction of the seam, from the foot's east point to the top's
         slant = np.array([top_mm - foot_mm, 0.0, height_mm]) @ turn.T
         vector = w.add(f"VECTOR('',{w.direction(slant / np.linalg.norm(slant))},1.)")
         top_vertex = t.vertex(t.point("<t>", "<y>", z(height_mm)))

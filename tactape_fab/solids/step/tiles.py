@@ -152,7 +152,7 @@ class _Drawing:
             if min(a[axis], b[axis]) < place < max(a[axis], b[axis]):
                 point = (place, a[1]) if axis == 0 else (a[0], place)
                 vertex = self._vertex(point)
-                # the board is left of a side: a line that goes up enters over the bottom side (+x) and over the left one (-y)
+                # the board is left of a side: a line along y enters it over one that runs to +x, a line along x over one to -y
                 self._cross(axis, line, point, vertex, into=forward if axis == 0 else not forward)
                 yield abs(place - a[axis]), vertex
 
@@ -171,7 +171,7 @@ class _Drawing:
                     x, y = arc.point(turned)
                     point = (lines[line], y) if axis == 0 else (x, lines[line])
                     vertex = self._vertex(point)
-                    # upward, a line leaves the board by the upper half of a corner's circle, but enters it by that of a hole's
+                    # a line leaves the board by the far half of a corner's circle, but enters it by the far half of a hole's
                     upper = (sin(turned) if axis == 0 else cos(turned)) > 0.0
                     self._cross(axis, line, point, vertex, into=upper == hole)
                     yield turned, vertex

@@ -123,7 +123,7 @@ def _pieces(solid: Any) -> tuple[FloatArray, FloatArray]:
     np.minimum.at(low, label, points)
     np.maximum.at(high, label, points)
     middles: FloatArray = (low + high) / 2
-    # about each piece's own middle: pieces of 0.05 mm3 lie hundreds of millimetres from the origin
+    # about each piece's own middle: a piece of 0.05 mm3 may lie hundreds of millimetres from the origin
     a, b, c = np.moveaxis((points - middles[label])[faces], 1, 0)
     volumes = np.bincount(label[faces[:, 0]], weights=np.einsum("ij,ij->i", a, np.cross(b, c)) / 6, minlength=count)
     return np.asarray(volumes, dtype=np.float64), middles

@@ -201,7 +201,6 @@ def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[f
             name
             for name, mm in UNITS_MM.items()
             if name != unit
-            # of the other units those in which the model would be large enough for the texture, and of a usual size
             and reach / np.pi < largest * mm / UNITS_MM[unit]
             and 10 < largest * mm / UNITS_MM[unit] <= MOST_SIZE_MM
         ]

@@ -86,7 +86,6 @@ class Facets:
         angle = np.arccos(np.clip(np.einsum("ijk,ijk->ij", forward, backward), -1, 1)).ravel()
         vertex = self.mesh.faces.ravel()
         area = np.repeat(np.linalg.norm(np.cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0]), axis=1), 3)
-        # a facet's area over the mean area of the facets about that vertex
         share = area * (np.bincount(vertex) / np.maximum(np.bincount(vertex, weights=area), 1e-300))[vertex]
         # 1 within the usual shares; beyond them the square of how far beyond
         weight = angle * (share / np.clip(share, *_USUAL_SHARE)) ** 2
@@ -239,7 +238,7 @@ class _Way:
     def go(self, length_mm: FloatArray) -> None:
         """Walk on until `length_mm` is behind each, or the surface's end is reached."""
         for _ in range(_MOST_STEPS):
-            # all walks take one step at a time together: a step crosses one facet of each
+            # all walks take one step together, each over one facet at most
             under_way = np.flatnonzero(~self.blocked & (length_mm - self.walked > 1e-9))
             if not len(under_way):
                 return

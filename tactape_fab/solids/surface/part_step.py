@@ -194,7 +194,6 @@ def _element(part: TapePart, sink_mm: float) -> Any:
     # the flank goes on below the foot: a rim at the foot's height would touch a cylinder in two points, which OCCT gets wrong
     top = 0.0 if part.top_mm is None else part.top_mm / 2
     if part.top_mm is not None:
-        # the flank's line, continued to the depth of the sink
         below, rim = sink_mm, length / 2 + (length / 2 - top) / height * sink_mm
         flank = bd.Edge.make_line((rim, 0, -below), (top, 0, height))
     else:
@@ -327,7 +326,6 @@ class FaceChart:
         middle: FloatArray = np.array([[(u0 + u1) / 2, (v0 + v1) / 2]])
         if self._inside(middle)[0]:
             return middle
-        # middles of 25 x 25 cells of the parameters' range; of those on the face the one farthest from any off it
         part = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
         u, v = (a.ravel() for a in np.meshgrid(u0 + part * (u1 - u0), v0 + part * (v1 - v0), indexing="ij"))
         samples = np.stack([u, v], axis=1)

@@ -32,7 +32,6 @@ _FLAT = 2e-3
 def pitch_errors(tape: Tape, grid: Frames, offset_mm: FloatArray) -> tuple[FloatArray, float]:
     """Errors of the pitch between all neighbouring grid points, and the radius of the first that is too large."""
     index = np.arange(tape.rows * tape.columns).reshape(tape.rows, tape.columns)
-    # every grid point with its neighbour on the right and with the one below
     a = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
     b = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
     whole = grid.arrived[a] & grid.arrived[b]

@@ -121,7 +121,6 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
     point_offset_mm = texture_to_board(points_mm, tape.board.texture_origin_mm) - middle_mm
     elements, grid = chart.frames(offset_mm), chart.frames(point_offset_mm)
     outline_mm = foot_outline_mm(tape.part)
-    # heights over each element's tangent plane, negative where the surface falls away
     height_mm, on_surface = chart.feet(elements, outline_mm)
     errors, pitch_radius = pitch_errors(tape, grid, point_offset_mm)
     gap_mm, pairs = gaps_mm(tape, elements)
@@ -168,7 +167,6 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
 
 def smaller_kit(tape: Tape, reach_mm: float, usable_mm: float) -> str:
     """The kit to use where a texture reaches too far: its outline smaller by the same share, if a window fits."""
-    # in whole millimetres, rounded down
     sides_mm = np.floor(usable_mm / reach_mm * np.array(tape.board.size_mm))
     if sides_mm.min() < 6 * tape.pitch_mm:
         return "a kit of a smaller --size"

@@ -202,7 +202,6 @@ def check_drill(holes: FloatArray, tape: Tape) -> Check:
     def apart(hole: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
         return all(max(abs(a - b) for a, b in zip(hole, other, strict=True)) > PLACE_TOLERANCE_MM for other in others)
 
-    # both ways, within a micrometre in place and diameter
     missing = [f"({x:g}, {y:g}) d {d:g} mm is missing" for x, y, d in expected if apart((x, y, d), found)]
     strange = [f"({x:g}, {y:g}) d {d:g} mm is not in the manifest" for x, y, d in found if apart((x, y, d), expected)]
     problems = [*missing, *strange]

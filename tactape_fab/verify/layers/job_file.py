@@ -111,7 +111,6 @@ def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, f
 
 def _free_taken_out(job: dict[str, Any]) -> dict[str, Any]:
     """A copy without the values that may be any of their form; one of another form stays, and differs."""
-    # a deep copy of what JSON can hold
     copy: dict[str, Any] = json.loads(json.dumps(job))
     for (*parents, last), form in _FREE.items():
         place: Any = copy

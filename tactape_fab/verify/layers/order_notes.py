@@ -79,7 +79,7 @@ def check_order_notes(
         x0, x1, y0, y1 = map(float, area)
         centres = tape.part_xy_mm()
         half_mm = max(tape.part.body_mm[:2]) / 2
-        # a part reaches into the area if its middle is in the area widened by half a body
+        # widened by half a body's length on each side: a part whose middle is in there may reach into the area
         near = (centres > np.array([x0, y0]) - half_mm).all(axis=1) & (centres < np.array([x1, y1]) + half_mm).all(axis=1)
         if near.any() or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
             problems.append(f"they let the fab print at x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm, on parts or off the board")

@@ -69,7 +69,7 @@ def expected_of_embossed(volume_mm3: float, bodies: int, files: Mapping[str, Wri
     return Expected(
         volume_mm3=volume_mm3,
         tolerance=EMBOSSED_VOLUME_TOLERANCE,
-        # the manifest's volume is that of this mesh: readers differ in their float32 sums alone
+        # the manifest's volume is that of this mesh: readers may sum it in single precision
         mesh_tolerance_mm3=1e-4 * volume_mm3,
         faces=faces_of(files),
         bodies=bodies,

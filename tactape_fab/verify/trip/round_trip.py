@@ -247,7 +247,6 @@ def check_measured(tape: Tape, contact: Contact | None = None) -> Check:
         said.append(f"by {places} {len(error_um)} right{wrong}, error p50 {p50_um[-1]:.1f} um")
     right, design = (trip.count(RIGHT) for trip in trips)
     good = not trips[0].count(WRONG)
-    # parts scattered less than 20 um move a position by less than its own error: there measured places need not be better
     useful = right >= design and (tape.as_built.scatter_mm < SEEN_MM or p50_um[0] < p50_um[1])
     message = f"of {MEASURED} contacts of the measured parts {', '.join(said)}"
     return Check(
@@ -292,7 +291,6 @@ def _off_mm(frame: Frame, position_mm: tuple[float, float]) -> float:
 def _is_right(tape: Tape, frame: Frame, fix: Localization) -> bool:
     if not fix.located or fix.position_mm is None or fix.theta_deg is None:
         return False
-    # the difference of two angles, between 0 and 180 deg
     turn_deg = abs((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
     return _off_mm(frame, fix.position_mm) <= _RIGHT_PITCHES * tape.pitch_mm and turn_deg <= _RIGHT_DEG
 
