@@ -203,7 +203,7 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
         {"bufferView": k, "componentType": kind, "count": len(array), "type": shape}
         for k, (array, _, kind, shape) in enumerate(arrays)
     ]
-    # bounds are mandatory for positions, and for them alone
+    # bounds are mandatory for positions
     accessors[0] |= {"min": arrays[0][0].min(axis=0).tolist(), "max": arrays[0][0].max(axis=0).tolist()}
     look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 0.6, "baseColorFactor": [*rgb, 1.0]}
     if colour_png is not None:

@@ -255,7 +255,7 @@ def context(w: Writer) -> Context:
     length = w.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
     angle = w.add("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))")
     solid = w.add("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())")
-    # readers join what is nearer than this: far above the last decimal, far below any edge of a texture
+    # readers may take points nearer than this for one: far above the last decimal, far below any edge of a texture
     uncertainty = w.add(f"UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE(1.E-06),{length},'distance_accuracy_value','')")
     geometry = w.add(
         "(GEOMETRIC_REPRESENTATION_CONTEXT(3)"

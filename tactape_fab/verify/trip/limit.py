@@ -89,7 +89,7 @@ def rule_of(tape: Tape, sensor: SensorProfile, margin: float = 1.0) -> Rule:
         tape=tape,
         sensor=sensor,
         world=register([tape], unregistered_share=UNREGISTERED_SHARE),
-        # both bounds are ratios of likelihoods, so a stricter rule has both moved by the same factor
+        # one factor on both, as a grid that is fitted to known symbols makes both look better (see `MARGIN`)
         limits=Limits(max_p_false=MAX_P_FALSE / margin, kappa=KAPPA * margin),
         view=view,
     )
