@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,7 @@ from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import TURNED, BoolArray, IntArray, SymbolArray
 
 WordArray = npt.NDArray[np.uint64]
+DistanceArray = npt.NDArray[np.unsignedinteger[Any]]
 
 WORD_BITS = 64
 _LOW_BITS = {2: np.uint64(0x5555_5555_5555_5555), 3: np.uint64(0x1249_2492_4924_9249)}
@@ -70,9 +72,11 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
     return Windows(side=side, corner_rc=np.argwhere(whole), words=tuple(w[:, whole] for w in words), bits=bits)
 
 
-def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: int = 2) -> npt.NDArray[np.uint8]:
+def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: int = 2) -> DistanceArray:
     """Hamming distance of windows in symbols of `bits` bits, element by element."""
-    total = np.zeros(np.broadcast(a[0], b[0]).shape, dtype=np.uint8)
+    # 16 x 16 symbols may all differ, one more than a byte holds
+    most = len(a) * (WORD_BITS // bits)
+    total = np.zeros(np.broadcast(a[0], b[0]).shape, dtype=np.uint8 if most <= 255 else np.uint16)
     for word_a, word_b in zip(a, b, strict=True):
         differing = word_a ^ word_b
         # a symbol counts once, however many of its bits differ: they are gathered in its lowest

@@ -28,15 +28,15 @@ MOST_PRESSES = 40
 class Relief:
     """The relief of parts in the gel.
 
-    blur_mm, sigma_blur_mm: Standard deviation of the Gaussian that smooths, and its error from press to press.
-    amplitude, sigma_amplitude: Height of a part before it is smoothed, in the frame's unit, and its error from press to press.
+    blur_mm, sigma_blur_mm: Standard deviation of the Gaussian that smooths, and its error from press to press; None of one press.
+    amplitude, sigma_amplitude: Height of a part before it is smoothed, in the frame's unit, and its error alike.
     left: Squares that are left of differences between neighbouring pixels, over what slopes of variance 1 have.
     """
 
     blur_mm: float
-    sigma_blur_mm: float
+    sigma_blur_mm: float | None
     amplitude: float
-    sigma_amplitude: float
+    sigma_amplitude: float | None
     left: float
     freedom: float
 
@@ -56,12 +56,13 @@ def find_relief(frames: Sequence[Frame], presses: Sequence[Press], bundle: Bundl
     if not rows:
         return None
     blurs, heights, left, freedom = (np.array(column) for column in zip(*rows, strict=True))
-    many = max(len(rows), 2)
+    # of one press nothing differs
+    root = float(np.sqrt(len(rows) - 1))
     return Relief(
         blur_mm=float(np.median(blurs)),
-        sigma_blur_mm=float(blurs.std() / np.sqrt(many - 1)),
+        sigma_blur_mm=float(blurs.std() / root) if root else None,
         amplitude=float(np.median(heights)),
-        sigma_amplitude=float(heights.std() / np.sqrt(many - 1)),
+        sigma_amplitude=float(heights.std() / root) if root else None,
         left=float(np.median(left)),
         freedom=float(freedom.sum()),
     )

@@ -236,7 +236,7 @@ def _facts(view: View, warp: Warp, film_sigma_mm: float, growth: float | None) -
 def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: float, turn_tolerance_deg: float) -> Inspection:
     """Weighted means over the scans; a part is missing where every scan that shows it says so."""
     n = wanted.tape.part_count
-    weight, shift, turn = np.zeros(n), np.zeros((n, 2)), np.zeros(n)
+    weight, shift, turn, first_deg = np.zeros(n), np.zeros((n, 2)), np.zeros(n), np.full(n, np.nan)
     there, upright, clear = (np.zeros(n, dtype=bool) for _ in range(3))
     for m in measured:
         at = np.flatnonzero(m.view.inside)
@@ -246,7 +246,10 @@ def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: flo
         w = np.where(present, 1.0 / sigma**2, 0.0)
         weight[at] += w
         shift[at] += w[:, None] * m.bodies.shift_mm
-        turn[at] += w * m.bodies.turn_deg
+        # a body looks the same after half a turn: 89 and -89 degrees are 2 apart, so the one nearest to the first scan's counts
+        first_deg[at] = np.where(present & np.isnan(first_deg[at]), m.bodies.turn_deg, first_deg[at])
+        halves = np.rint((np.nan_to_num(first_deg[at]) - m.bodies.turn_deg) / 180.0)
+        turn[at] += w * (m.bodies.turn_deg + 180.0 * halves)
         there[at] |= present
         upright[at] |= m.upright
         clear[at] |= m.bodies.misfit <= COVERED
@@ -256,7 +259,7 @@ def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: flo
         tape=wanted.tape,
         manifest_sha256=wanted.sha256,
         shift_mm=shift / safe[:, None],
-        turn_deg=turn / safe,
+        turn_deg=turn / safe - 180.0 * np.rint(turn / safe / 180.0),
         sigma_mm=np.where(there, 1.0 / np.sqrt(safe), 1.0),
         present=there,
         tombstoned=upright & ~there,

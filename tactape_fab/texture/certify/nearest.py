@@ -14,10 +14,9 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-import numpy.typing as npt
 
 from tactape_fab.texture.frames import BoolArray, IntArray
-from tactape_fab.texture.windows import WORD_BITS, WordArray, symbol_distance
+from tactape_fab.texture.windows import WORD_BITS, DistanceArray, WordArray, symbol_distance
 
 _CHUNK = 1 << 19
 """Number of pairs compared at a time, which limits the memory."""
@@ -41,7 +40,7 @@ class Pairs:
     first: IntArray
     second: IntArray
     turn: IntArray
-    distance: npt.NDArray[np.uint8]
+    distance: DistanceArray
 
     def taken(self, which: IntArray | BoolArray) -> Pairs:
         """Some of the pairs, by their indices or a mask."""

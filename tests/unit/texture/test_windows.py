@@ -63,6 +63,13 @@ def test_a_distance_is_the_number_of_symbols_that_differ(directions: int) -> Non
         symbol_distance(words, words[:1], found.bits)
 
 
+@pytest.mark.parametrize("side", [15, 16])
+def test_the_largest_windows_may_differ_in_all_their_symbols(side: int) -> None:
+    symbols = np.random.default_rng(0).integers(0, 4, (side, side), dtype=np.uint8)
+    one, other = (windows_of(s, np.ones_like(s, dtype=bool), side, turns=1) for s in (symbols, (symbols + 1) % 4))
+    assert symbol_distance(one.words, other.words).tolist() == [[side**2]]
+
+
 @pytest.mark.parametrize("shape", [(4, 6), (6, 4), (5, 6), (6, 5), (5, 5)])
 def test_a_grid_smaller_than_a_window_has_none(shape: tuple[int, int]) -> None:
     found = windows_of(np.zeros(shape, dtype=np.uint8), np.ones(shape, dtype=bool), 5, turns=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -14,6 +15,8 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.make.panel import PanelKit
 from tactape_fab.sense import Inspection, inspect_scans
+from tactape_fab.sense.inspect.inspection import _merged
+from tactape_fab.sense.inspect.wanted import WantedTape
 from tactape_fab.texture.as_built import AsBuilt, manifest_digest
 from tactape_fab.texture.manifest import read_any_manifest
 from tactape_fab.texture.panel_manifest import read_placed
@@ -77,6 +80,29 @@ def test_scale_and_skew_of_the_scanner_are_said_and_move_no_part(found: Inspecti
     assert abs(facts.px_per_mm[0] / (1200 / 25.4) - 1.003) < 1e-3
     assert abs(facts.px_per_mm[1] / (1200 / 25.4) - 0.998) < 1e-3
     assert 2.0 < facts.jitter_um < 15.0
+
+
+@pytest.mark.parametrize(
+    ("turns_deg", "mean_deg"), [((89.0, -89.0), 90.0), ((-88.5, 89.5), -89.5), ((30.0, 31.0), 30.5), ((-4.0,), -4.0)]
+)
+def test_turns_of_several_scans_are_averaged_as_axes(turns_deg: tuple[float, ...], mean_deg: float, scanned: Scanned) -> None:
+    """A body looks the same after half a turn: 89 and -89 degrees are two apart."""
+    wanted = WantedTape(tape=Tape.load(scanned.kit), sha256="")
+    n = wanted.tape.part_count
+    of_all = {"area": np.ones(n), "sigma_mm": np.full(n, 0.01), "shift_mm": np.zeros((n, 2)), "misfit": np.zeros(n)}
+    views = [
+        SimpleNamespace(
+            view=SimpleNamespace(inside=np.ones(n, dtype=bool)),
+            bodies=SimpleNamespace(turn_deg=np.full(n, turn), **of_all),
+            upright=np.zeros(n, dtype=bool),
+            foreign_mm=np.zeros((0, 3)),
+            facts=None,
+        )
+        for turn in turns_deg
+    ]
+    found = _merged(wanted, views, 0.05, 10.0)  # type: ignore[arg-type]
+    apart = (found.turn_deg - mean_deg + 90.0) % 180.0 - 90.0
+    assert np.allclose(apart, 0.0, atol=1e-9) and np.abs(found.turn_deg).max() <= 90.0
 
 
 @only_thorough
