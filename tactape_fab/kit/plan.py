@@ -51,7 +51,7 @@ Rule = tuple[FloatArray, float]
 class Claim:
     """Clearances of a part: distance of each of its outlines from the board's outline and from holes.
 
-    ``widest`` is the outline that reaches furthest; it also keeps clear of the strip. ``needs`` are the keys of a spec that
+    ``widest`` is the outline that keeps clear of the strip. ``needs`` are the keys of a spec that
     decide these values.
     """
 

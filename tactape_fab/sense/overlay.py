@@ -83,7 +83,7 @@ def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
 
 
 class View:
-    """Map from the texture to the enlarged picture: the inverse of SPEC's T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0)."""
+    """Map from the texture to the enlarged picture: the inverse of T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0)."""
 
     def __init__(self, sensor: SensorProfile, fix: Localization, zoom: int) -> None:
         assert fix.position_mm is not None and fix.theta_deg is not None

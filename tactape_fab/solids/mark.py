@@ -62,7 +62,7 @@ def read_raster(cells: BoolArray) -> int | None:
     empty = ~cells.any(axis=0)
     pieces = np.split(cells, np.flatnonzero(np.diff(empty)) + 1, axis=1)[::2]
     texts = [tuple("".join("01"[int(cell)] for cell in row) for row in piece) for piece in pieces]
-    digits = [known.get(tuple(row.rjust(3, "0") for row in text) if text else text) for text in texts[:-1]]
+    digits = [known.get(text) for text in texts[:-1]]
     if not digits or None in digits or texts[-1] != _ARROW:
         return None
     return int("".join(digit for digit in digits if digit is not None))
@@ -148,12 +148,14 @@ def _marks(tape: Tape, form: SolidForm, cells: BoolArray) -> Iterator[Mark]:
                     middle_mm=(float(middle[0]), float(middle[1])),
                     mirrored=not form.negative,
                 )
-                yield mark if form.cylinder is None else _between_cuts(mark, tape, form)
+                yield mark if form.cylinder is None else _between_cuts(mark, tape, form, board)
         cell_mm = round(cell_mm - 0.1, 1)
 
 
-def _between_cuts(mark: Mark, tape: Tape, form: SolidForm) -> Mark:
-    """The mark moved a little round the cylinder, so that no side of a cell is near a line that its mesh is cut along."""
+def _between_cuts(mark: Mark, tape: Tape, form: SolidForm, room: shapely.Geometry) -> Mark:
+    """The mark moved a little round the cylinder within its room, so that no side of a cell is near a line that its mesh is
+    cut along.
+    """
     assert form.cylinder is not None
     wrap = wrap_of(tape, form, form.cylinder)
     # a side on or beside a cut would leave slivers, or two vertices so near that a reader joins them
@@ -163,8 +165,11 @@ def _between_cuts(mark: Mark, tape: Tape, form: SolidForm) -> Mark:
     shifts = np.arange(40) * _SHIFT_MM
     # sides (k, 1, 1) + shifts (1, 40, 1) against cuts: for each shift the distance of the nearest pair
     apart = np.abs((sides[:, None] + shifts)[..., None] - cuts).min(axis=(0, 2))
-    moved = np.array([shifts[int(apart.argmax())], 0.0]) @ wrap.from_board
-    x, y = np.array(mark.middle_mm) + moved
+    moved = np.array(mark.middle_mm) + np.column_stack([shifts, np.zeros(len(shifts))]) @ wrap.from_board
+    half = np.array(mark.cells.shape[::-1]) * mark.cell_mm / 2
+    # the place without a shift is within the room
+    fits = shapely.covers(room, shapely.box(*(moved - half).T, *(moved + half).T))
+    x, y = moved[int(np.where(fits, apart, -1.0).argmax())]
     return replace(mark, middle_mm=(float(x), float(y)))
 
 

@@ -1,6 +1,6 @@
 """Codes with a plane: encode a patch of the code plane, and decode a patch's place window by window.
 
-SPEC of a code plane of sequences, with M the main sequence (length L, order n), d(k) the difference at plane index k and
+A code plane of sequences, with M the main sequence (length L, order n), d(k) the difference at plane index k and
 (u, v) = divmod(sector, L):
 
     X[r, c] = M[(r + u + sum of d(k) for k < c) mod L]        Y[r, c] = M[(c + v + sum of d(k) for k < r) mod L]

@@ -28,8 +28,8 @@ OF_ALL = camera.COUNT + 1
 OF_PRESS = 4
 """Unknowns of each press: x mm, y mm, theta rad, pull of the rim."""
 CAMERA_SIGMAS = np.array([1.0, 0.1, 0.1, 0.1, 0.05, 0.05])
-"""Standard deviations of the camera's parameters before anything is seen, about a profile's: wide, so that presses decide.
-Those of the lens' centre are shares of the image's width."""
+"""Standard deviations of the camera's parameters before anything is seen, of the scale about the profile's, of the others about a
+camera without distortion: wide, so that presses decide. Those of the lens' centre are shares of the image's width."""
 SYSTEMATIC = np.array([1e-4, 1e-4, 5e-5, 5e-4, 0.3, 0.3])
 """Errors that the scatter of dots does not show, as rims draw dots alike in all presses: of 7 calibrations from 10 simulated
 presses the mean error was 1.4e-4 of the aspect and -6e-4 of k1."""

@@ -206,7 +206,7 @@ def matrix_of(values: FloatArray) -> FloatArray:
 
 
 def on_tape(poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
-    """Sensor on the tape's board from x, y (texture frame) and theta: SPEC section 1; (m, 4, 4)."""
+    """Sensor on the tape's board from x, y (texture frame) and theta (docs/frames.md); (m, 4, 4)."""
     out = np.zeros((len(poses), 4, 4))
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     # R(theta) of the texture frame with its second row negated, as board y is up; z goes into the tape, so that the determinant

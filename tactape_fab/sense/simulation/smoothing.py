@@ -2,7 +2,7 @@
 
 Sums run in the order of OpenCV's ``sepFilter2D`` with fused multiply-add: along a row tap by tap from the left, along a
 column from the middle outwards, two taps that are equal at a time. Products of two float32 are exact in float64, so that
-rounding their sum to float32 is what a fused operation does.
+rounding their sum to float32 is what a fused operation does, but for ties: on every machine the same.
 """
 
 from __future__ import annotations

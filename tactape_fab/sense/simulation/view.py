@@ -47,7 +47,7 @@ class View:
 
     @property
     def turn(self) -> FloatArray:
-        """Matrix M with T = S + q @ M.T of a point q in view, SPEC's [[cos, sin], [-sin, cos]]; shape (2, 2)."""
+        """Matrix M with T = S + q @ M.T of a point q in view, [[cos, sin], [-sin, cos]]; shape (2, 2)."""
         c, s = cos(radians(self.theta_deg)), sin(radians(self.theta_deg))
         return np.array([[c, s], [-s, c]])
 

@@ -5,7 +5,7 @@ A dot i of a contact c shows its part j at
     S_c + R(theta_c) (q_i - push u_i + pull v_i) = nominal_j + d_j + error,
 
 with q_i the dot's place on the gel by the camera, whose scale, aspect, shear and radial distortion are common to all contacts
-(SPEC section 1; `sense.geometry`), and u_i, v_i what neighbours and the rim do (`decode.grid.posterior`). The d_j have normal
+(docs/frames.md; `sense.geometry`), and u_i, v_i what neighbours and the rim do (`decode.grid.posterior`). The d_j have normal
 priors: of the scatter of all parts, which is estimated, or of an inspection. These hold the gauge: a shift, turn, scale or smooth
 drift of all parts together cannot be told from one of all poses. The poses of a robot hold it better.
 

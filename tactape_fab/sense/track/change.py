@@ -116,7 +116,7 @@ def _on_gel(uv_px: FloatArray, undo: FloatArray, sensor: SensorProfile) -> Float
 
 
 def _rotation(angle_rad: float) -> FloatArray:
-    """R of SPEC, Eq. 12."""
+    """R(theta) of Eq. 12 of the paper."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, s], [-s, c]])
 

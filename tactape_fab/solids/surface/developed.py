@@ -27,7 +27,7 @@ class Places(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Developable:
-    """A surface that can be rolled out flat, in the parameters of ISO 10303-42 (and of OCCT).
+    """A surface that can be rolled out flat, in the parameters of OCCT: v is a length along the surface.
 
     kind {"plane", "cylinder", "cone"}
     origin_mm (3,)

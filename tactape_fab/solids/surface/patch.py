@@ -120,7 +120,7 @@ def gaps_mm(tape: Tape, elements: Frames) -> tuple[FloatArray, IntArray]:
     # pairs one above the other, on two sheets of the surface, would overlap in the view along the normal without being near
     over = np.abs(np.einsum("ij,ij->i", between, elements.normal[pairs[:, 0]]))
     pairs = pairs[over < tape.part.body_mm[2] + np.hypot(*reach_mm(tape.part)) + 2 * SINK_MM]
-    # each view is a lower bound of the distance, of domes but for the chords of their rings: the larger one is the better
+    # each view is a lower bound of the distance: the larger one is the better
     gaps = np.maximum(_seen_from(tape.part, elements, pairs), _seen_from(tape.part, elements, pairs[:, ::-1]))
     return gaps, pairs
 
@@ -129,14 +129,17 @@ def _seen_from(part: TapePart, elements: Frames, pairs: IntArray) -> FloatArray:
     """Largest gap of each pair along the side directions of its first element; shape (p,)."""
     one, two = elements[pairs[:, 0]], elements[pairs[:, 1]]
     # foot and top bound a convex element; with them both a leaning neighbour is seen whole
-    rings = element_rings_mm(part)[[0, -1]].reshape(-1, 3)
+    rings = element_rings_mm(part)[[0, -1]]
     axes = np.stack([two.x_axis, two.y_axis, two.normal], axis=1)
-    corners = (two.points_mm - one.points_mm)[:, None] + rings @ axes
-    flat = np.stack([np.einsum("ijk,ik->ij", corners, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
     if part.shape == "dome":
-        # its own outline is a circle in this view: the distance of corners from its middle, less the radius
-        gap: FloatArray = np.linalg.norm(flat, axis=2).min(axis=1) - part.body_mm[0] / 2
+        # circles: of the neighbour's, which leans, no point is seen farther than its radius from its middle, and its own is one
+        heights, radii = rings[:, :, 2].mean(axis=1), np.hypot(rings[:, :, 0], rings[:, :, 1]).max(axis=1)
+        middles = (two.points_mm - one.points_mm)[:, None] + heights[:, None] * two.normal[:, None]
+        seen = np.stack([np.einsum("ijk,ik->ij", middles, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
+        gap: FloatArray = (np.linalg.norm(seen, axis=2) - radii).min(axis=1) - part.body_mm[0] / 2
         return gap
+    corners = (two.points_mm - one.points_mm)[:, None] + rings.reshape(-1, 3) @ axes
+    flat = np.stack([np.einsum("ijk,ik->ij", corners, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
     own = rotate(flat, -part.rotation_deg)
     half = np.array(part.body_mm[:2]) / 2
     # how far all corners lie beyond either end of the body, along its length and its width: the larger one separates them

@@ -115,6 +115,10 @@ def _read_dxf(data: bytes) -> Drawn:
             points.append((x, y, 2 * radius))
             at += 6
         else:
+            # a width (40, 41) or a bulge (42) would draw something else than lines through the points, and an outline that is not
+            # closed (70, 1) lacks its last side
+            if tags[at + 2] != (66, "1") or tags[at + 6] != (70, "0" if layer == "LABEL" else "1"):
+                raise ValueError(f"a line of its {quoted(layer)} has a width or a bulge, or is not closed")
             _numbers(tags[at + 3 : at + 6], (10, 20, 30))
             at += 7
             while tags[at] == (0, "VERTEX") and tags[at + 1] == (8, layer):

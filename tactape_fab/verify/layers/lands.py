@@ -60,7 +60,7 @@ def nearest(points_mm: FloatArray, tree: shapely.STRtree) -> tuple[IntArray, Flo
 
 
 def point_tree(xy_mm: FloatArray) -> shapely.STRtree:
-    """KD-tree of points for `nearest`; xy_mm of shape (n, 2)."""
+    """R-tree of points for `nearest`; xy_mm of shape (n, 2)."""
     return shapely.STRtree(shapely.points(xy_mm))
 
 

@@ -61,7 +61,7 @@ def inside(xy_mm: FloatArray, on: OnPanel) -> BoolArray:
 
 
 def whole(shapes: Sequence[FloatArray], on: OnPanel) -> list[int]:
-    """Mask of the shapes on a tape's board."""
+    """Indices of the shapes that lie on a tape's board."""
     return [i for i, shape in enumerate(shapes) if inside(shape, on).all()]
 
 

@@ -12,7 +12,7 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 
 TURNS = 3
-"""Angles tried at each place, deg; an ellipse repeats after half a turn."""
+"""Number of angles tried at each place; an ellipse repeats after half a turn."""
 _PLACES, _LEAST_STEP_MM = 800, 1.0
 _GOLDEN_DEG = 180.0 * (sqrt(5) - 1) / 2
 

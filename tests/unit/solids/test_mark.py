@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
-from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mark import LEAST_CELL_MM, mark_of, raster, read_raster
 from tactape_fab.solids.mesh.sheet import texture_mesh
 from tactape_fab.solids.mesh.stl import mesh_problems, read_stl
@@ -68,6 +69,16 @@ def test_a_mark_stays_clear_of_holes_and_edges() -> None:
     assert (corners > 1.0).all()
     assert (corners < np.array(tape.board.size_mm) - 1.0).all()
     assert mark.cell_mm >= LEAST_CELL_MM
+
+
+@pytest.mark.parametrize("around", ["x", "y"])
+@pytest.mark.parametrize("columns", range(5, 13))
+def test_a_mark_round_a_cylinder_stays_clear_of_edges(columns: int, around: Literal["x", "y"]) -> None:
+    tape = tape_of(DOME, columns, 5)
+    mark = mark_of(tape, SolidForm(mark=True, cylinder=Cylinder(radius_mm=8.0, around=around)))
+    assert mark is not None
+    corners = np.concatenate([loop for outer, islands in mark.polygons() for loop in (outer, *islands)])
+    assert (corners > 1.0 - 1e-9).all() and (corners < np.array(tape.board.size_mm) - 1.0 + 1e-9).all()
 
 
 def test_a_back_without_a_place_has_no_mark() -> None:

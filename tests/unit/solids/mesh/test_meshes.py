@@ -284,7 +284,8 @@ def joined(a: Mesh, b: Mesh) -> Mesh:
     [
         (Mesh(vertices_mm=cube().vertices_mm, faces=cube().faces[1:]), "3 edges without a second triangle"),
         (Mesh(vertices_mm=cube().vertices_mm, faces=cube().faces[:, ::-1]), "face inward"),
-        (Mesh(vertices_mm=cube().vertices_mm, faces=np.vstack([cube().faces[:1, ::-1], cube().faces[1:]])), "more than two"),
+        (Mesh(vertices_mm=cube().vertices_mm, faces=np.vstack([cube().faces[:1, ::-1], cube().faces[1:]])), "face opposite"),
+        (Mesh(vertices_mm=cube().vertices_mm, faces=np.vstack([cube().faces, [[0, 2, 5]]])), "more than two"),
         (Mesh(vertices_mm=cube().vertices_mm, faces=np.vstack([cube().faces, [[0, 0, 1]]])), "1 triangles without area"),
         (joined(cube(), Mesh(vertices_mm=cube().vertices_mm + 5, faces=cube().faces)), "2 bodies"),
     ],
