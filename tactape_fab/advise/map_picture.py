@@ -14,6 +14,8 @@ _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8a6d00", "#56b4e9", "#
 """Of Okabe and Ito: told apart by colour-blind readers, too."""
 _PANEL, _MARGIN, _LEFT, _TOP = (400, 250), 34, 62, 86
 _TICKS_MM = 0.2
+TITLE = "Smallest round contact of which"
+"""The first words of a map, by which it is known."""
 _INK, _PALE, _REFUSED = "#222222", "#e3e3e3", "#f1efe9"
 
 
@@ -32,7 +34,7 @@ def draw_map(advice: Advice, points: Sequence[MapPoint]) -> bytes:
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole[0]}" height="{whole[1]}" viewBox="0 0 {whole[0]} {whole[1]}" '
         f'font-family="Helvetica, Arial, sans-serif" font-size="12" fill="{_INK}">',
         f'<rect width="{whole[0]}" height="{whole[1]}" fill="#ffffff"/>',
-        _text(_LEFT, 26, f"Smallest round contact of which {LOCATED:.0%} are located, by pitch W, part and code", size=16),
+        _text(_LEFT, 26, f"{TITLE} {LOCATED:.0%} are located, by pitch W, part and code", size=16),
         _text(
             _LEFT,
             46,

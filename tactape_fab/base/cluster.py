@@ -7,7 +7,7 @@ scheduler but the one that the user names, and nothing listens.
 from __future__ import annotations
 
 import logging
-import os
+import platform
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -123,6 +123,6 @@ def _called(theirs: dict[str, str], function: Callable[..., R], args: tuple[Any,
     own = _own()
     other = [f"{k} {own.get(k, 'none')} instead of {v}" for k, v in theirs.items() if own.get(k) != v]
     if other:
-        raise OtherWorkerError(f"the worker on {os.uname().nodename} has {', '.join(other)}; install the same versions there")
+        raise OtherWorkerError(f"the worker on {platform.node()} has {', '.join(other)}; install the same versions there")
     with _ALONE:
         return function(*args, **kwargs)

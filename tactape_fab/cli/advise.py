@@ -107,8 +107,11 @@ def refuse_map(path: Path, *, overwrite: bool) -> None:
 
 
 def _is_map(path: Path) -> bool:
-    # any SVG that begins with its root element passes; most other programs write an XML declaration first
-    return read_regular(path, 4).startswith(b"<svg")
+    from tactape_fab.advise.map_picture import TITLE
+
+    # the root element has some 200 bytes, the title is the first text in it
+    start = read_regular(path, 600)
+    return start.startswith(b"<svg") and TITLE.encode() in start
 
 
 def _advice_lines(advice: Advice) -> list[str]:

@@ -56,6 +56,16 @@ def test_the_picture_is_svg_and_json_has_its_points(tmp_path: Path) -> None:
     again = CliRunner().invoke(main, shlex.split(asked))
     assert again.exit_code == 2
     assert "exists already; use --overwrite to replace it" in again.stderr
+    again = CliRunner().invoke(main, shlex.split(f"{asked} --overwrite"))
+    assert again.exit_code == 0 and file.read_bytes().startswith(b"<svg")
+
+
+def test_a_drawing_of_somebody_else_is_never_replaced(tmp_path: Path) -> None:
+    file = tmp_path / "logo.svg"
+    file.write_text('<svg xmlns="http://www.w3.org/2000/svg"><text>ours</text></svg>')
+    result = CliRunner().invoke(main, ["advise", "--contact", "6", "--map", str(file), "--overwrite"])
+    assert result.exit_code == 2 and "is no map of this tool" in result.stderr
+    assert "ours" in file.read_text()
 
 
 @pytest.mark.parametrize(
