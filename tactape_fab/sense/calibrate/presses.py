@@ -14,7 +14,6 @@ from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
-from tactape_fab.sense.decode.grid.posterior import lean_of
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.rule import BACKGROUND_MM
@@ -111,7 +110,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
         texture_mm = texture_mm + built.shift_mm[cells[:, 1], cells[:, 0]]
     theta = radians(fix.theta_deg)
     square = squared(dots.seen_px, sensor)
-    pushed, pulled = drawn(texture_mm, weights[used], theta, lean_of(tape.part))
+    pushed, pulled = drawn(texture_mm, weights[used], theta)
     return Press(
         frame=index,
         tape=fix.tape,

@@ -12,7 +12,7 @@ from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
-from tactape_fab.sense.decode.grid.posterior import RIM_MM, lean_of
+from tactape_fab.sense.decode.grid.posterior import RIM_MM
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to_texture
@@ -115,7 +115,7 @@ def contact_of(
     if len(part) < LEAST_DOTS or len(np.unique(part)) < len(part):
         return None
     theta = radians(fix.theta_deg)
-    pushed, pulled = drawn(built_mm[part], weights[used], theta, lean_of(tape.part))
+    pushed, pulled = drawn(built_mm[part], weights[used], theta)
     return Contact(
         frame=frame,
         part=part,

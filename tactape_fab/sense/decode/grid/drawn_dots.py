@@ -16,12 +16,11 @@ from tactape_fab.sense.decode.grid.posterior import (
 from tactape_fab.texture.frames import FloatArray
 
 
-def drawn(
-    texture_mm: FloatArray, weights: FloatArray, theta_rad: float, lean: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
+def drawn(texture_mm: FloatArray, weights: FloatArray, theta_rad: float) -> tuple[FloatArray, FloatArray]:
     """Shift of each dot by its neighbours (push) and by the rim (pull), along u and v, for a push and a pull of 1; (n, 2) each.
 
-    The model is that of `posterior`, which has it as a kernel for one frame. `lean` is that of the tape's parts (`lean_of`).
+    The model is that of `posterior`, which has it as a kernel for one frame, but for `Beliefs.lean`: of 300 contacts with 0201 it
+    takes the errors of a survey by touch alone from 7.6 to 7.9 um, from a scan from 2.8 to 2.7 um, and moves no calibration.
     """
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     at = (texture_mm - texture_mm.mean(axis=0)) @ np.array([[c, s], [-s, c]])
@@ -33,7 +32,4 @@ def drawn(
     share = np.where(within, weights * np.exp((1.0 - square) / (2.0 * PUSH_REACH_MM**2)), 0.0)
     missing = np.minimum(np.minimum(1.0 - weights, PULL_MOST), PULL_FALL * np.maximum(PULL_END - 1.0 + weights, 0.0))
     pulled = (missing / np.maximum(near.sum(axis=1), 1e-300))[:, None] * np.einsum("ij,ijk->ik", near, apart)
-    # the parts' direction as seen: an angle's double turns by 2 theta
-    c2, s2 = np.cos(2.0 * theta_rad), np.sin(2.0 * theta_rad)
-    u, v = lean[0] * c2 - lean[1] * s2, lean[0] * s2 + lean[1] * c2
-    return np.einsum("ij,ijk->ik", share, apart) @ np.array([[1.0 + u, v], [v, 1.0 - u]]), pulled
+    return np.einsum("ij,ijk->ik", share, apart), pulled

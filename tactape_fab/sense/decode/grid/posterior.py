@@ -93,6 +93,13 @@ def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool, part: TapePart | Non
     fixed_scale: Whether the scale is exact whatever the profile says.
     part: That of all tapes; None where it is not known.
     """
+    lean = (0.0, 0.0)
+    if part is not None and is_long(part.shape, part.body_mm):
+        # an axis is the same after half a turn, so the direction enters as cos and sin of its double; board +y is up, texture
+        # +y down
+        (length, width, _), double = part.body_mm, -part.rotation_deg * pi / 90.0
+        most = PUSH_LEAN * (length - width) / (length + width)
+        lean = (most * cos(double), most * sin(double))
     geometry, scale, camera = sensor.geometry, np.array(sensor.px_per_mm), sensor.camera
     known = geometry.sigma_px_per_mm
     # half the tolerance is one standard deviation: a profile's tolerance is taken for two
@@ -103,18 +110,8 @@ def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool, part: TapePart | Non
         centre_mm=-camera.from_px(sensor.centre_px),
         gel_mm=sensor.gel.displacement_um / 1000,
         correlation_mm=sensor.gel.correlation_mm,
-        lean=(0.0, 0.0) if part is None else lean_of(part),
+        lean=lean,
     )
-
-
-def lean_of(part: TapePart) -> tuple[float, float]:
-    """How much farther neighbours push along parts than across, as `Beliefs.lean` has it; 0 for parts that are not long."""
-    if not is_long(part.shape, part.body_mm):
-        return 0.0, 0.0
-    # an axis is the same after half a turn, so the direction enters as cos and sin of its double; board +y is up, texture +y down
-    (length, width, _), double = part.body_mm, -part.rotation_deg * pi / 90.0
-    most = PUSH_LEAN * (length - width) / (length + width)
-    return most * cos(double), most * sin(double)
 
 
 def posterior(
