@@ -322,7 +322,8 @@ def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, acr
     deepest, far = 0.0, along
     for k in range(4):  # ahead, behind, and on either side
         # `far` is along, -along, across, -across, as the direction turns by 90 degrees after the second
-        row, column = np.int64(v + far * dv + 0.5), np.int64(u + far * du + 0.5)
+        # down, of negative places as well: a sample beyond the upper or left border is none, as beyond the others
+        row, column = np.int64(np.floor(v + far * dv + 0.5)), np.int64(np.floor(u + far * du + 0.5))
         far = -far
         if k == 1:
             far, du, dv = across, -dv, du

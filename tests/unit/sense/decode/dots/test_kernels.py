@@ -11,7 +11,7 @@ import pytest
 
 from tactape_fab.sense import load_sensor
 from tactape_fab.sense.decode.dots.detect import band_pass, detect
-from tactape_fab.sense.decode.dots.filters import Image, averaged, local_tops, ordinary_value
+from tactape_fab.sense.decode.dots.filters import Image, _trough, averaged, local_tops, ordinary_value
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.grid.lattice import ANGLES, scan_power
 
@@ -145,3 +145,20 @@ def test_a_top_of_equal_pixels_is_one_top() -> None:
     image = np.zeros((20, 30), dtype=np.float32)
     image[8, 11:14] = image[9, 11] = 1.0
     assert local_tops(image, image, 2).tolist() == [[8, 11]]
+
+
+@pytest.mark.parametrize("v", range(1, 5))
+def test_a_trough_is_the_same_from_either_border(v: int) -> None:
+    """A sample beyond a border is none, whichever border it is: turned by 180 degrees an image has the same troughs."""
+    rng = np.random.default_rng(v)
+    high = rng.uniform(-1.0, 0.0, (12, 20)).astype(np.float32)
+    high[v, 8] = 1.0
+    turned = np.ascontiguousarray(high[::-1, ::-1])
+    # compiled it is called by other kernels alone
+    of, found = getattr(_trough, "py_func", _trough), []
+    for angle in rng.uniform(0.0, np.pi, 50).tolist():
+        du, dv = np.cos(angle), np.sin(angle)
+        # ahead and behind there are only holes, so the ridge has no length: all samples beside it count
+        found.append(of(high, v, 8, du, dv, 100.0, 3.2))
+        assert found[-1] == of(turned, 11 - v, 11, -du, -dv, 100.0, 3.2)
+    assert max(found) > 0.0
