@@ -11,6 +11,7 @@ import numpy as np
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown
 from tactape_fab.kit.render.order_notes import COPPER_OZ
+from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
@@ -77,10 +78,9 @@ def check_order_notes(
         problems.append("they do not say where the fab may print")
     for area in found:
         x0, x1, y0, y1 = map(float, area)
-        centres = tape.part_xy_mm()
-        half_mm = max(tape.part.body_mm[:2]) / 2
-        # widened by half a body's length on each side: a part whose middle is in there may reach into the area
-        near = (centres > np.array([x0, y0]) - half_mm).all(axis=1) & (centres < np.array([x1, y1]) + half_mm).all(axis=1)
+        centres, reach = tape.part_xy_mm(), np.array(reach_mm(tape.part))
+        # widened by how far a body reaches, turned as it is: a part whose middle is in there reaches into the area's box
+        near = (centres > np.array([x0, y0]) - reach).all(axis=1) & (centres < np.array([x1, y1]) + reach).all(axis=1)
         if near.any() or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
             problems.append(f"they let the fab print at x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm, on parts or off the board")
     right = "tape, size, parts, files and rows of the forms as the kit has them; not compared: what else they say"
