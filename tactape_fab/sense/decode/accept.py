@@ -82,15 +82,15 @@ def accept_place(
     sharp = None if sharper is None or seen_px is None else sharper(seen_px, on.offset_px, on.nominal_mm)
     shift_px, heights = sharp or (np.zeros(2), on.weights)
     offset_px = on.offset_px + shift_px
-    placed_mm = None
+    built_mm, placed_mm = on.nominal_mm, None
     built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
     if built is not None:
         column, row = on.cells.T
         # places as measured are fitted to, and `placed_mm` adds their variance to the dots'
-        np.add(on.nominal_mm, built.shift_mm[row, column], out=on.nominal_mm)
+        built_mm = on.nominal_mm + built.shift_mm[row, column]
         placed_mm = built.sigma_mm[row, column]
     # before the decision: how many dots agree is a part of it
-    pose = fit_pose(offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
+    pose = fit_pose(offset_px, built_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(np.count_nonzero(pose.agree))
@@ -103,21 +103,21 @@ def accept_place(
         said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
         slope = contact.slope()
         if slope is not None:
-            places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, on.nominal_mm)
+            places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, built_mm)
             border_mm = gel.from_border_mm(seen_px)
             pose, offset_px, drawn = tilted_pose(pose, slope, *places, on.weights, heights, border_mm, contact.as_film(), view)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
     if reading.q is not None:
-        args = (dots, reading.q, place.turn, on.cells, on.inside, offset_px, on.nominal_mm, pose, view)
+        args = (dots, reading.q, place.turn, on.cells, on.inside, offset_px, built_mm, pose, view)
         said["dots"] = LazyDots(partial(located_dots, *args))
     said |= {**strain_of(pose, view), "refined": "dots"}
     if isinstance(place, Place):
         said["places"] = "as-built" if place.as_built else "nominal"
     if pixels is not None:
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
-        refined = (pose, _TILTED) if drawn else refine(pixels, view, part, offset_px, on.nominal_mm, pose, placed_mm)
+        refined = (pose, _TILTED) if drawn else refine(pixels, view, part, offset_px, built_mm, pose, placed_mm)
         pose, said["refine_reason"] = refined
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
     if built is not None:
