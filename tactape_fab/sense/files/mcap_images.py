@@ -19,6 +19,7 @@ from tactape_fab.sense.raw.colour_images import by_number
 MOST_CHUNK_BYTES = 1 << 28
 _MOST_CHANNELS = 10_000
 _OURS = "tactape-fab "
+"""Begin of one of the programs in a file's header: mcap's own tools put themselves before what was there ("mcap go #v1; ...")."""
 
 
 def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
@@ -38,7 +39,7 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
     for file in files:
         for kind, record in _records(file):
             if kind == "Header":
-                ours = ours and record.library.startswith(_OURS)
+                ours = ours and any(name.strip().startswith(_OURS) for name in record.library.split(";"))
             elif kind == IMAGE_TYPE:
                 topics[record[0]] = None
     if topic is None and len(topics) == 1:

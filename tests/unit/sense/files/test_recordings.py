@@ -81,6 +81,16 @@ def test_our_own_log_is_decoded_as_its_frames_are(sensor: str, default_kit: Kit,
             assert one["indentation_mm"] == pytest.approx(other["indentation_mm"], rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("library", "ours"),
+    [("tactape-fab 0.1.0", True), ("mcap go #v1.7; tactape-fab 0.1.0", True), ("mcap go #v1", False), ("my tactape-fab", False)],
+)
+def test_our_own_log_stays_ours_when_mcap_s_tools_write_it_anew(library: str, ours: bool, tmp_path: Path) -> None:
+    """As `mcap recover`, `filter` and `compress` do: with the sensor's own sign and unit its depths would be others."""
+    path = mcap(tmp_path / "a.mcap", {"/tactape/depth": ramps("32FC1", "<f4")}, library=library)
+    assert open_recording(path, SENSOR).ours == ours
+
+
 def test_depths_of_a_log_without_a_unit_say_nothing_of_the_contact(default_kit: Kit, tmp_path: Path) -> None:
     kit, log = default_kit.path, tmp_path / "f.mcap"
     depth = simulate(default_kit.tape, (40.0, 20.0), 10.0, sensor="digit", scene=Scene(tilt_mm_per_mm=(0.0, 0.0), dome_mm=0.0))
