@@ -17,7 +17,7 @@ from tactape_fab.sense.calibrate.adjust import Bundle, agreeing, designs_of, pro
 from tactape_fab.sense.calibrate.errors import Errors, Estimate, estimate_errors
 from tactape_fab.sense.calibrate.hand_eye import find_hand_eye
 from tactape_fab.sense.calibrate.noise import Noise, between_dots, off_contact
-from tactape_fab.sense.calibrate.orientation import KnownTurn, find_orientation, fitted_size, upright, with_mask
+from tactape_fab.sense.calibrate.orientation import KnownTurn, find_orientation, fitted_size, upright, with_depth, with_mask
 from tactape_fab.sense.calibrate.posedness import (
     LEAST_PRESSES,
     checked_frames,
@@ -36,7 +36,6 @@ from tactape_fab.sense.calibrate.relief import Relief, find_relief
 from tactape_fab.sense.calibrate.result import Calibration, HeldOut, Quantity
 from tactape_fab.sense.calibrate.valid import LEAST_SHARE, clear_of_blind, valid_pixels
 from tactape_fab.sense.files.arm_poses import ArmPose
-from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.registry import TapeLike, as_tapes, refuse_equal_names
@@ -96,19 +95,20 @@ def calibrate_sensor(
     images, bad = checked_frames(frames)
     height, width = images[0].shape
     start = fitted_size((height, width), given)
-    valid = valid_pixels(images)
+    valid = valid_pixels(images, start)
     if valid is not None and valid.mean() < LEAST_SHARE:
         message = f"only {100 * valid.mean():.1f} % of the pixels change from frame to frame; give frames of different presses"
         raise SpecError(Problem("frames", message))
     images, repeats = without_repeats(images)
     bad += repeats
     known = None if known_theta is None else _known(known_theta, len(images))
-    rough = find_orientation(images, registered, start, valid)
+    rough = find_orientation(images, registered, start, with_depth(valid, start))
     if rough is None:
-        raise SpecError(unseen(images, bad, registered, with_mask(start, valid)))
+        raise SpecError(unseen(images, bad, registered, with_mask(start, with_depth(valid, start))))
     if valid is not None:
         valid = clear_of_blind(valid, float(np.mean(rough.px_per_mm)))
-        rough = with_mask(rough, valid)
+    valid = with_depth(valid, start)
+    rough = with_mask(rough, valid)
     if known is not None:
         rough = _turned(images, registered, rough, known, valid)
     # the order: orientation and rough scale by which frames are located at all, the camera, and only then what rests on the
@@ -122,7 +122,7 @@ def calibrate_sensor(
     if noise is None and relief is not None:
         noise = between_dots(relief.left, relief.freedom, bundle.sensor)
     hand_eye = None if arm_poses is None else find_hand_eye(bundle, presses, registered, arm_poses)
-    sensor = _profile(name, start, bundle, estimate, relief, noise, presses)
+    sensor = _profile(name, given, bundle, estimate, relief, noise, presses)
     return Calibration(
         sensor=sensor,
         quantities=tuple(_quantities(sensor, bundle, estimate, relief, noise, corner_um)),
@@ -268,7 +268,7 @@ def _held_out(presses: Sequence[Press], bundle: Bundle, free: BoolArray) -> Held
 
 def _profile(
     name: str,
-    start: SensorProfile,
+    like: SensorProfile,
     bundle: Bundle,
     estimate: Estimate,
     relief: Relief | None,
@@ -277,13 +277,14 @@ def _profile(
 ) -> SensorProfile:
     """The new profile."""
     sensor = _with_sigmas(bundle)
-    gel = Gel(
-        thickness_mm=start.gel.thickness_mm,
-        modulus_kpa=start.gel.modulus_kpa,
+    gel = replace(
+        like.gel,
         displacement_um=1000 * estimate.errors.gel_mm,
         correlation_mm=estimate.errors.correlation_mm,
-        blur_mm=start.gel.blur_mm if relief is None else relief.blur_mm,
+        blur_mm=like.gel.blur_mm if relief is None else relief.blur_mm,
     )
+    if gel.crown_mm is not None and (sensor.rotate90 - like.rotate90) % 2:  # its radii are along u and v
+        gel = replace(gel, crown_mm=(gel.crown_mm[1], gel.crown_mm[0]))
     sigma = sensor.geometry.sigma_px_per_mm or 0.0
     touched = sorted({press.tape for press in presses})
     return replace(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_size, with_mask
+from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_size, with_depth, with_mask
 from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault
 from tactape_fab.sense.calibrate.presses import Frame, detected
 from tactape_fab.sense.calibrate.valid import valid_pixels
@@ -68,12 +68,12 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
     if (height, width) != like.frame_shape:
         h, w = like.frame_shape
         wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like")
-    valid = valid_pixels(images)
+    valid = valid_pixels(images, sensor)
     if valid is not None:
         wrong.append(
             f"{100 * (1 - valid.mean()):.1f} % of the pixels never change: blind ones belong into a mask; calibrate writes it"
         )
-        sensor = with_mask(sensor, valid)
+        sensor = with_mask(sensor, with_depth(valid, sensor))
     dots = [int((detected(image, sensor).trust > GOOD_TRUST).sum()) for image in images]
     if not tapes:
         looks = tuple(FrameLook(frame=k, dots=n, located=None, reason=None) for k, n in enumerate(dots))
@@ -125,8 +125,7 @@ def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
 
 def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> list[str]:
     """The fault of the profile that keeps all frames from being located, if it is one."""
-    valid = None if sensor.mask is None else valid_pixels(images)
-    found = find_orientation(images, tapes, sensor, valid)
+    found = find_orientation(images, tapes, sensor, with_depth(None, sensor))
     if found is None:
         return ["no sign, mirror or px/mm shows the tape: is it the one that was pressed, parts up, and are frames depth?"]
     (u, v), mirror = found.px_per_mm, "true" if found.mirror else "false"

@@ -11,7 +11,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.calibrate.presses import Frame
 from tactape_fab.sense.decode.dots.detect import band_pass
-from tactape_fab.sense.decode.dots.inputs import canonical_frame
+from tactape_fab.sense.decode.dots.inputs import canonical_frame, shown_pixels
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.sensors import MOST_PX, SensorProfile
@@ -102,6 +102,13 @@ def with_mask(sensor: SensorProfile, valid: BoolArray | None) -> SensorProfile:
     turned = np.ascontiguousarray(np.rot90(valid[:, ::-1] if sensor.mirror else valid, sensor.rotate90))
     turned.setflags(write=False)
     return replace(sensor, mask=turned)
+
+
+def with_depth(valid: BoolArray | None, like: SensorProfile) -> BoolArray | None:
+    """Pixels of a frame that carry depth: valid ones that a profile's own mask leaves; None: all."""
+    if like.mask is None:
+        return valid
+    return shown_pixels(like) if valid is None else valid & shown_pixels(like)
 
 
 def upright(sensor: SensorProfile, known: KnownTurn, theta_deg: float, valid: BoolArray | None) -> SensorProfile:

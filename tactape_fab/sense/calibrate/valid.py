@@ -8,7 +8,9 @@ import numpy as np
 from scipy.ndimage import binary_erosion, binary_opening
 
 from tactape_fab.sense.calibrate.presses import Frame
+from tactape_fab.sense.decode.dots.inputs import shown_pixels
 from tactape_fab.sense.decode.rule import BACKGROUND_MM
+from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray
 
 LEAST_FRAMES = 3
@@ -19,10 +21,11 @@ LEAST_SHARE = 0.05
 """Share of a frame that must carry depth for it to be looked at."""
 
 
-def valid_pixels(frames: Sequence[Frame]) -> BoolArray | None:
+def valid_pixels(frames: Sequence[Frame], like: SensorProfile) -> BoolArray | None:
     """Pixels that change from frame to frame and are mostly finite; None where that is all of them.
 
-    A blind pixel holds the same value in every frame, or NaN. The noise of a real one is never exactly zero.
+    A blind pixel holds the same value in every frame, or NaN. The noise of a real one is never exactly zero. What the mask of
+    `like` hides is not looked at: it counts as valid.
     """
     if len(frames) < LEAST_FRAMES:
         return None
@@ -34,6 +37,8 @@ def valid_pixels(frames: Sequence[Frame]) -> BoolArray | None:
         # where the first frame is NaN any finite value differs from it
         changes |= finite & (frame != first)
     valid: BoolArray = changes & (2 * holes < len(frames))
+    if like.mask is not None:
+        valid |= ~shown_pixels(like)
     return None if valid.all() else valid
 
 

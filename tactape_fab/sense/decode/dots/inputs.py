@@ -77,7 +77,7 @@ def _holes(image: npt.NDArray[np.float32], whole: bool, sensor: SensorProfile) -
     """The holes of a frame as the sensor delivers it; `whole`: all its values are finite."""
     known = None if whole else np.isfinite(image)
     if sensor.mask is not None:
-        shown = _shown(sensor)
+        shown = shown_pixels(sensor)
         # no hole but the mask's own: the same ones in each frame, which are kept
         if known is None or known[shown].all():
             return _masked_holes(sensor)
@@ -89,10 +89,10 @@ def _holes(image: npt.NDArray[np.float32], whole: bool, sensor: SensorProfile) -
 @lru_cache(maxsize=8)
 def _masked_holes(sensor: SensorProfile) -> Holes:
     """Holes that the sensor's mask makes: some milliseconds' work, the same for all its frames."""
-    return find_holes(_shown(sensor), _mean_scale(sensor))
+    return find_holes(shown_pixels(sensor), _mean_scale(sensor))
 
 
-def _shown(sensor: SensorProfile) -> BoolArray:
+def shown_pixels(sensor: SensorProfile) -> BoolArray:
     """Pixels of a frame that the sensor's mask leaves: the way of `SensorProfile.canonical` back."""
     assert sensor.mask is not None
     turned = np.rot90(sensor.mask, -sensor.rotate90)

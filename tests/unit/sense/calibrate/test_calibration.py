@@ -149,6 +149,26 @@ def test_orientation_comes_from_one_press_of_known_direction(rotate90: int, sign
     assert fix.position_mm is not None and np.allclose(fix.position_mm, made.poses[3][:2], atol=0.05)
 
 
+@pytest.mark.parametrize(("rotate90", "crown_mm"), [(0, (189.0, 113.0)), (1, (113.0, 189.0))])
+def test_the_gel_s_crown_turns_with_the_image(rotate90: int, crown_mm: tuple[float, float]) -> None:
+    frames = [_delivered(frame, replace(TRUE, rotate90=rotate90)) for frame in presses(first_theta=20.0).frames[:7]]
+    turned = replace(STOCK, rotate90=0, width_px=frames[0].shape[1], height_px=frames[0].shape[0])
+    found = calibrate_sensor(frames, [TAPE], turned, known_theta=(0, 20.0)).sensor
+    assert (found.rotate90, found.gel.crown_mm, found.gel.poisson) == (rotate90, crown_mm, STOCK.gel.poisson)
+
+
+def test_what_a_profile_s_mask_hides_stays_hidden() -> None:
+    """Markers printed on the gel: their depths change from frame to frame, and look like dots."""
+    v, u = np.mgrid[:240, :320]
+    shown = ~((((u + 12) % 40 - 20) ** 2 + ((v + 7) % 40 - 20) ** 2) <= 2.5**2)
+    rng, frames = np.random.default_rng(0), []
+    for frame in presses().frames:
+        frames.append(frame + np.where(shown, 0.0, 0.15 + 0.02 * rng.standard_normal(shown.shape)))
+    found = calibrate_sensor(frames, [TAPE], replace(STOCK, mask=shown))
+    assert found.valid is not None and (found.valid == shown).all() and found.sensor.mask is not None
+    assert (found.sensor.mask == shown).all() and abs(found.sensor.geometry.aspect - 0.03) < 2e-3
+
+
 def _delivered(frame: Frame, sensor: SensorProfile) -> Frame:
     """A canonical frame as a sensor of another orientation delivers it."""
     turned = np.rot90(frame, -sensor.rotate90)

@@ -36,6 +36,7 @@ def test_the_profile_is_read_back_as_it_was_found(tmp_path: Path) -> None:
     for key in ("aspect", "shear", "k1", "center_px", "sigma_px_per_mm", "sigma_aspect", "sigma_shear", "sigma_k1"):
         assert np.allclose(getattr(read.geometry, key), getattr(made.geometry, key), rtol=1e-5), key
     assert np.allclose([read.slope_noise or 0, read.gel.blur_mm or 0], [made.slope_noise or 0, made.gel.blur_mm or 0], rtol=1e-4)
+    assert (read.gel.poisson, read.gel.crown_mm) == (STOCK.gel.poisson, STOCK.gel.crown_mm) == (0.485, (189.0, 113.0))
     text = (tmp_path / "mine.toml").read_text()
     assert text.startswith(MARK) and all(f"# {q.name} = " in text for q in found.quantities)
     json.dumps(found.to_mapping(), allow_nan=False)

@@ -67,6 +67,8 @@ def test_faults_of_the_frames_are_named() -> None:
     assert "different values: 8 bits are too coarse for dots" in said(coarse)
     assert "10 % of a frame's pixels have its largest value: depth is cut off" in said(cut)
     assert "12.5 % of the pixels never change: blind ones belong into a mask" in said(blind)
+    masked = replace(TRUE, mask=np.broadcast_to(np.arange(320) >= 40, (240, 320)))
+    assert "never change" not in said(blind, masked)  # they are in one
     assert "1 frames are the same as the one before, pixel for pixel" in said([*frames, frames[-1]])
     assert "frame 7 is constant: 0 in every pixel; leave it out" in said([*frames, np.zeros_like(frames[0])])
     assert "frames are 200 x 320 px (height x width), those of 'gelsight-mini' 240 x 320" in said([f[40:] for f in frames])

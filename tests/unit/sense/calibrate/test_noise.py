@@ -36,11 +36,13 @@ def test_few_patches_say_nothing() -> None:
 def test_blind_pixels_are_those_that_never_change() -> None:
     rng = np.random.default_rng(1)
     frames = [rng.standard_normal((60, 80)).astype(np.float32) for _ in range(4)]
-    assert valid_pixels(frames) is None
+    assert valid_pixels(frames, STOCK) is None
     for frame in frames:
         frame[:, :10], frame[30, 50] = 0.25, np.nan
-    valid = valid_pixels(frames)
+    valid = valid_pixels(frames, STOCK)
     assert valid is not None and not valid[:, :10].any() and not valid[30, 50] and valid[:, 10:].sum() == 60 * 70 - 1
-    assert valid_pixels(frames[:2]) is None  # two frames may agree by chance
+    assert valid_pixels(frames[:2], STOCK) is None  # two frames may agree by chance
+    masked = replace(STOCK, width_px=80, height_px=60, mask=valid)
+    assert valid_pixels(frames, masked) is None  # what the profile's own mask hides
     clear = clear_of_blind(valid, 8.0)
     assert clear is not None and not clear[:, :15].any() and clear[30, 50] and clear[:, 17:].all()
