@@ -41,6 +41,8 @@ LEAST_SIGMA_MM, USUAL_SIGMA_MM, MOST_SIGMA_MM = 0.0005, 0.006, 0.2
 """Error of a whole dot: the least, the one to start from, and the most."""
 LEAST_SCATTER_MM, USUAL_SCATTER_MM, MOST_SCATTER_MM = 0.002, 0.05, 0.3
 """Scatter of the parts: the least, the one to start from, and the most."""
+MOST_LEFT_MM, MOST_LEFT_RAD, MOST_LEFT_SIGMAS = 1.0, 0.1, 3.0
+"""How far half of a robot's poses may be off, or so many of their own standard deviations; those of other frames are farther."""
 
 PATCH_MM, PATCHES = 4.0, 50
 """Neighbours are the parts within this distance, about those of a contact; and so many such patches are looked at."""
@@ -103,7 +105,7 @@ def adjust(
     nominal_mm (n, 2): The design's places of all parts, texture frame.
     prior: Of all parts.
     robot: Of some of the frames.
-    Raises SpecError where the poses of a robot contradict the contacts so far that nothing can be solved.
+    Raises SpecError where the poses of a robot contradict the contacts.
     """
     # parts that no contact shows have no equation: they stay as they were
     touched, part = np.unique(np.concatenate([c.part for c in contacts]), return_inverse=True)
@@ -161,6 +163,7 @@ def adjust(
         if turn > TRUSTING and np.abs(moved).max() < SETTLED_MM and abs(ratio - 1.0) < 0.01:
             break
     assert normal is not None
+    arm.refuse_others(poses)
     known, drift, common_sigma = normal.sigmas(nominal_mm[touched])
     return Adjusted(
         part=touched,
@@ -252,15 +255,31 @@ class _Arm:
     def unknowns(self) -> int:
         return 3 if len(self.contact) else 0
 
-    def added(self, normal: FloatArray, right: FloatArray, poses: FloatArray) -> None:
-        """Add the robot's poses to normal equations whose unknowns are `COMMON`, three a contact, and three of its frame."""
+    def _left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What is left over of each pose (n, 3), the turn of the robot's frame (2, 2), and board points so turned (n, 2)."""
         board, theta = self._of(poses)
         c, s = np.cos(self.at[2]), np.sin(self.at[2])
         turn = np.array([[c, -s], [s, c]])
         along = board @ turn.T
-        left = np.column_stack(
-            [self.at[:2] + along - self.said[:, :2], np.angle(np.exp(1j * (theta + self.at[2] - self.said[:, 2])))]
-        )
+        off = np.angle(np.exp(1j * (theta + self.at[2] - self.said[:, 2])))
+        return np.column_stack([self.at[:2] + along - self.said[:, :2], off]), turn, along
+
+    def refuse_others(self, poses: FloatArray) -> None:
+        """Refuse poses that are not those of the contacts: half of them are too far off. Raises SpecError."""
+        if not len(self.contact):
+            return
+        left, _, _ = self._left(poses)
+        off = np.column_stack([np.hypot(left[:, 0], left[:, 1]), np.abs(left[:, 2])])
+        most = np.maximum((MOST_LEFT_MM, MOST_LEFT_RAD), MOST_LEFT_SIGMAS * self.sigma[:, 1:])
+        mm, rad = np.median(off, axis=0).tolist()
+        if (np.median(off / most, axis=0) > 1.0).any():
+            message = f"poses of the robot do not fit the contacts: half of them are {mm:.2g} mm or {np.degrees(rad):.2g} deg off"
+            remedy = "give those of these frames, counted from 0, x, y, z in mm, the quaternion as qw,qx,qy,qz with qw first"
+            raise SpecError(Problem("poses", f"{message}; {remedy}"))
+
+    def added(self, normal: FloatArray, right: FloatArray, poses: FloatArray) -> None:
+        """Add the robot's poses to normal equations whose unknowns are `COMMON`, three a contact, and three of its frame."""
+        left, turn, along = self._left(poses)
         # Huber's weight for each of x, y and the angle by itself
         weight = np.minimum(1.0, HUBER / np.maximum(np.abs(left) / self.sigma, 1e-9)) / self.sigma**2
         last = len(normal) - 3

@@ -113,10 +113,11 @@ def survey_files(
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
     tape = tried(lambda: Tape.load(kit, as_built=given), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
-    robot = [] if poses is None else tried(lambda: _robot(poses, hand_eye, tape), problems)
     if hand_eye is not None and poses is None:
         problems.append(Problem("hand_eye", "hand_eye is for poses of a robot, and none are given; give --poses POSES.csv, too"))
     files = None if profile is None or not frames else tried(partial(open_frames, frames, profile), problems)
+    count = None if files is None else sum(file.count for file in files)
+    robot = [] if poses is None else tried(lambda: _robot(poses, hand_eye, tape, count), problems)
     if tape is not None and tape.surface is not None:
         problems.append(Problem("tape", f"{tape.name} is a texture on a part without a board; its places cannot be given"))
     if files is not None and profile is not None:
@@ -135,9 +136,9 @@ def survey_files(
     return _surveyed(tape, find_manifest(kit), profile, files, robot, progress, chosen)
 
 
-def _robot(poses: str | Path, hand_eye: str | Path | None, tape: Tape | None) -> list[RobotPose]:
+def _robot(poses: str | Path, hand_eye: str | Path | None, tape: Tape | None, frames: int | None) -> list[RobotPose]:
     problems: list[Problem] = []
-    arm = tried(lambda: read_arm_poses(poses, "poses"), problems)
+    arm = tried(lambda: read_arm_poses(poses, "poses", frames), problems)
     known = None if hand_eye is None else tried(lambda: read_hand_eye(hand_eye), problems)
     if known is not None and tape is not None and known.tape != tape.name:
         message = f"hand_eye = {shown_path(hand_eye)} says where {known.tape} lies; give that of {tape.name}"

@@ -125,6 +125,11 @@ def test_a_robot_holds_what_touch_alone_does_not(tmp_path: Path) -> None:
         x_mm, y_mm = np.array([[c, -s], [s, c]]) @ board + [400.0, -20.0] + rng.normal(0.0, 0.01, 2)
         robot.append(RobotPose(frame=k, x_mm=x_mm, y_mm=y_mm, theta_deg=frame.theta_deg + turn, sigma_mm=0.01, sigma_deg=0.05))
     drift = {}
+    others = tuple(replace(pose, frame=(pose.frame + 1) % len(learn)) for pose in robot)
+    with pytest.raises(SpecError, match=r"poses of the robot do not fit the contacts: half of them are .* counted from 0"):
+        surveyed(tmp_path, learn, robot=others)
+    some = tuple(replace(pose, x_mm=pose.x_mm + 40.0 * (pose.frame % 10 == 0)) for pose in robot)
+    assert errors(surveyed(tmp_path, learn, robot=some), drifted)[:, 0].std() < 0.02  # those that are lost weigh little
     for name, given in (("touch", ()), ("robot", tuple(robot))):
         off = errors(surveyed(tmp_path, learn, robot=given), drifted)[:, 0]
         drift[name] = off.std()
