@@ -38,7 +38,9 @@ Progress = Callable[[str, int, int], None]
 
 def truth_path(folder: Path) -> Path:
     """Where the truth of a data set is written: beside its folder, which can be handed out without it."""
-    return folder.with_name(f"{folder.name}-truth.jsonl")
+    if folder.name in ("", ".."):  # as ".", from within it
+        folder = folder.resolve()
+    return folder.parent / f"{folder.name}-truth.jsonl"
 
 
 def write_benchmark(

@@ -158,6 +158,17 @@ def _exact(truth: list[Truth], **changed: Any) -> dict[int, Answer]:
     }
 
 
+@pytest.mark.parametrize("given", [".", "../{name}", "tapes/.."])
+def test_a_data_set_may_be_named_from_within(
+    given: str, folder: Path, located: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["score", given.format(name=folder.name), str(located)]) == 0
+    assert "| all |" in capsys.readouterr().out
+    assert main(["write", "."]) == 2 and main(["write", "/"]) == 2
+    assert capsys.readouterr().err.count("is a folder; nothing was touched; use another name") == 2
+
+
 def test_a_reader_that_has_enough_ends_it_without_a_traceback(folder: Path, located: Path) -> None:
     command = [sys.executable, "-m", "tactape_fab.sense.benchmark", "score", str(folder), str(located)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as ended:
