@@ -50,10 +50,10 @@ PATCH_MM, PATCHES = 4.0, 50
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """Prior of the parts: shift (n, 2) from the design, texture frame, mm; sigma (n,), None if it is estimated."""
+    """Prior of the parts: shift (n, 2) from the design, texture frame, mm; sigma (n,), NaN where the scatter is estimated."""
 
     shift_mm: FloatArray
-    sigma_mm: FloatArray | None
+    sigma_mm: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,7 +67,7 @@ class Adjusted:
     drift_mm: Standard deviation along each axis of the mean of neighbouring parts: what they are wrong by together.
     common, common_sigma (6,): `COMMON`, and standard deviations.
     dot_mm: Error of a whole dot along an axis.
-    scatter_mm: Scatter of the parts about the design; None where an inspection said where they are.
+    scatter_mm: Scatter of the parts about the design; None where an inspection said where all of them are.
     left: Share of dots that do not count, being far off.
     poses (contacts, 3): x mm, y mm, theta rad.
     """
@@ -119,8 +119,10 @@ def adjust(
     )
     poses = np.array([c.start for c in contacts])
     before = prior.shift_mm[touched]
-    scatter = USUAL_SCATTER_MM if prior.sigma_mm is None else None
-    sigma_before = np.full(len(touched), USUAL_SCATTER_MM) if prior.sigma_mm is None else prior.sigma_mm[touched]
+    told = prior.sigma_mm[touched]
+    free = np.isnan(told)
+    scatter = USUAL_SCATTER_MM if free.any() else None
+    sigma_before = np.where(free, USUAL_SCATTER_MM, told)
     shift, sigma = before.copy(), USUAL_SIGMA_MM
     mean, sigmas = _common_prior(sensor)
     common = mean.copy()
@@ -157,8 +159,9 @@ def adjust(
         if scatter is not None:
             # step of expectation and maximisation: E d^2 is the estimate's square and its variance (Dempster, Laird and Rubin
             # 1977)
-            scatter = float(np.clip(np.sqrt((shift**2).mean() + (1.0 / own).mean()), LEAST_SCATTER_MM, MOST_SCATTER_MM))
-            sigma_before = np.full(len(touched), scatter)
+            squares = ((shift - before)[free] ** 2).mean() + (1.0 / own[free]).mean()
+            scatter = float(np.clip(np.sqrt(squares), LEAST_SCATTER_MM, MOST_SCATTER_MM))
+            sigma_before = np.where(free, scatter, told)
         # not before weights are robust: the first rounds settle on another optimum
         if turn > TRUSTING and np.abs(moved).max() < SETTLED_MM and abs(ratio - 1.0) < 0.01:
             break

@@ -161,8 +161,7 @@ def _surveyed(
     built = tape.built_parts()
     # from the design's places, film stretch included, in the texture frame
     shift = built.shift_mm * (1.0, -1.0)
-    # 0.1 um at least: a part that is called exact would have an infinite weight
-    prior = Prior(shift_mm=shift, sigma_mm=None if before is None else np.maximum(built.sigma_mm, 1e-4))
+    prior = Prior(shift_mm=shift.copy(), sigma_mm=_sigma_before(built.sigma_mm, before))
     count = sum(file.count for file in files)
     contacts = _located({}, tape, ground, sensor, files, shift, progress, workers)
     _refuse_number(len(contacts), count)
@@ -182,6 +181,15 @@ def _surveyed(
         contacts=len(contacts),
         parts=tape.part_count,
     )
+
+
+def _sigma_before(sigma_mm: FloatArray, before: AsBuilt | None) -> FloatArray:
+    """How well parts are known before; NaN of those that nobody measured, and of which too few others were to say it."""
+    unknown = sigma_mm == 0.0
+    if before is not None:
+        unknown[before.number - 1] = False
+    # 0.1 um at least: a part that is called exact would have an infinite weight
+    return np.where(unknown, np.nan, np.maximum(sigma_mm, 1e-4))
 
 
 def _refuse_number(contacts: int, frames: int) -> None:

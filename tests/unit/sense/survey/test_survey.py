@@ -155,7 +155,7 @@ def test_a_dot_that_is_far_off_does_not_count() -> None:
         contact = contact_of(k, frame.depth, fix, ground, sensor, ground.nominal_mm) if fix.located else None
         if contact is not None:
             contacts.append(contact)
-    prior = Prior(shift_mm=np.zeros_like(ground.nominal_mm), sigma_mm=None)
+    prior = Prior(shift_mm=np.zeros_like(ground.nominal_mm), sigma_mm=np.full(len(ground.nominal_mm), np.nan))
     clean = adjust(contacts, ground.nominal_mm, sensor, prior)
     well = int(clean.part[clean.touched.argmax()])
     spoilt: list[Contact] = []
@@ -175,6 +175,42 @@ def test_frames_that_are_there_twice_count_once(tmp_path: Path) -> None:
     once, twice = surveyed(tmp_path, learn), surveyed(tmp_path, (*learn, *learn))
     assert (twice.frames, twice.contacts) == (80, 40)
     assert np.array_equal(twice.as_built.sigma_mm, once.as_built.sigma_mm)
+
+
+def test_frames_that_are_located_at_last_do_not_count_the_others_twice(tmp_path: Path) -> None:
+    """The places found by the first adjustment are where the second starts, not what is known before it."""
+    truth, parts = measured(small_tape(), 0.1, error_mm=1e-9, seed=3)
+    large, small = (
+        tuple(iterate_frames(truth, n, seed, scene=Scene(contact_mm=(mm, mm)), parts=parts))
+        for n, seed, mm in ((40, 1, 10.0), (120, 7, 7.0))
+    )
+    found = surveyed(tmp_path, (*large, *small))
+    localizer = Localizer(small_tape())
+    assert found.contacts > sum(localizer.locate(frame.depth).located for frame in (*large, *small))
+    off = errors(found, truth)
+    assert np.sqrt((off**2).mean()) < 0.022  # 0.028 where they count twice
+    assert ((off / found.as_built.sigma_mm[:, None]) ** 2).mean() < 1.4
+
+
+def test_parts_that_a_file_does_not_list_are_not_known_before(tmp_path: Path) -> None:
+    """A file that only says which parts are missing says nothing of where the others are."""
+    _, learn, _ = pressed(60)
+    none = np.zeros(2)
+    said = AsBuilt(
+        tape=small_tape().name,
+        manifest_sha256="0" * 64,
+        number=np.array([1, 2]),
+        dx_mm=none,
+        dy_mm=none,
+        rotation_deg=none,
+        present=none.astype(bool),
+        sigma_mm=none,
+        source=({"kind": "aoi"},),
+    )
+    found, alone = surveyed(tmp_path, learn, replace(small_tape(), as_built=said)), surveyed(tmp_path, learn)
+    scatter = found.adjusted.scatter_mm
+    assert scatter is not None and scatter == pytest.approx(alone.adjusted.scatter_mm, rel=0.1)
+    assert np.median(found.as_built.sigma_mm) == pytest.approx(np.median(alone.as_built.sigma_mm), rel=0.1)
 
 
 def test_too_few_contacts_are_refused(tmp_path: Path) -> None:
