@@ -41,16 +41,17 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
     tapes: The registry. Of the answer's tape the grid, the symbols and the whole outline are drawn.
     Returns (height, width, 3): Text, the enlarged canonical image, and the tape with the contact beside the error; BGR.
     """
-    from tactape_fab.sense.decode.dots.detect import band_pass, detect
+    from tactape_fab.sense.decode.dots.detect import band_pass
+    from tactape_fab.sense.decode.dots.frame_dots import frame_dots
+    from tactape_fab.sense.decode.dots.inputs import canonical_frame
     from tactape_fab.sense.decode.result import tape_named
 
-    image = np.asarray(depth).astype(np.float32)
-    image = np.ascontiguousarray(sensor.canonical(np.where(np.abs(image) < 1e15, image, 0.0).astype(np.float32)))
+    image = canonical_frame(depth, sensor)
     scale = float(np.sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
     # rounded up
     zoom = max(1, -(-LEAST_SIDE_PX // max(image.shape)))
     picture = _shades(band_pass(image, scale), zoom)
-    dots = _zoomed(detect(image, scale).xy_px, zoom)
+    dots = _zoomed(frame_dots(image, sensor).xy_px, zoom)
     radius = 0.17 * scale * zoom
     tape = next((t for t in tapes if (t.name, t.sector, t.origin) == tape_named(fix)), None)
     view = None
@@ -83,23 +84,36 @@ def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
 
 
 class View:
-    """Map from the texture to the enlarged picture: the inverse of T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0)."""
+    """Map from the texture to the enlarged picture: the inverse of T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0).
+
+    What the profile's camera has of aspect, shear and lens is in it.
+    """
 
     def __init__(self, sensor: SensorProfile, fix: Localization, zoom: int) -> None:
         assert fix.position_mm is not None and fix.theta_deg is not None
         c, s = cos(radians(fix.theta_deg)), sin(radians(fix.theta_deg))
         self.turn = np.array([[c, s], [-s, c]])
         self.position_mm = np.asarray(fix.position_mm)
-        refined = (fix.px_per_mm or sensor.px_per_mm[0]) / sensor.px_per_mm[0]
-        self.px_per_mm = np.asarray(sensor.px_per_mm) * refined
+        self.refined = (fix.px_per_mm or sensor.px_per_mm[0]) / sensor.px_per_mm[0]
+        self.px_per_mm = np.asarray(sensor.px_per_mm) * self.refined
         self.centre_px = sensor.centre_px
         self.zoom = zoom
+        g = sensor.geometry
+        self.camera = None if (g.aspect, g.shear, g.k1) == (0.0, 0.0, 0.0) else sensor.camera
         corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * (sensor.width_px - 1, sensor.height_px - 1)
-        self.corners_mm = self.position_mm + (corners - self.centre_px) / self.px_per_mm @ self.turn.T
+        self.corners_mm = self.position_mm + self._offset_mm(corners) @ self.turn.T
+
+    def _offset_mm(self, px: FloatArray) -> FloatArray:
+        """From the point that the image centre sees to those that pixels see, along image u and v."""
+        if self.camera is None:
+            return np.asarray((px - self.centre_px) / self.px_per_mm)
+        return (self.camera.from_px(px) - self.camera.from_px(self.centre_px)) / self.refined
 
     def to_px(self, texture_mm: npt.ArrayLike) -> FloatArray:
         offset_mm = (np.asarray(texture_mm, dtype=np.float64) - self.position_mm) @ self.turn
-        return _zoomed(offset_mm * self.px_per_mm + self.centre_px, self.zoom)
+        if self.camera is None:
+            return _zoomed(offset_mm * self.px_per_mm + self.centre_px, self.zoom)
+        return _zoomed(self.camera.to_px(offset_mm * self.refined + self.camera.from_px(self.centre_px)), self.zoom)
 
 
 def placed_mm(tape: Tape) -> FloatArray:

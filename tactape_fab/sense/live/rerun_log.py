@@ -37,6 +37,8 @@ MOST_MAPS = 4
 _PORT = 9876
 _PATIENCE_S, _STEADY_S = 8.0, 1.0
 _LEAST_P = 1e-30
+_LAST_S = 2.0**33
+"""Rerun's times are whole nanoseconds in 64 bits; timestamps in nanoseconds are beyond that."""
 _CORNER = 0.5
 """Rerun counts pixels from the image's corner, everything else here from the middle of the first one."""
 _AGREEING, _OTHER, _PLAIN = (90, 190, 240), (245, 110, 50), (235, 235, 235)
@@ -104,7 +106,7 @@ class RerunLog:
         """Show a frame and its answer."""
         rr, fix, sensor = self._rr, located.fix, located.sensor
         self._recording.set_time("frame", sequence=located.frame)
-        if fix.timestamp is None or not np.isfinite(fix.timestamp):
+        if fix.timestamp is None or not abs(fix.timestamp) < _LAST_S:
             self._recording.disable_timeline("capture")
         else:
             self._recording.set_time("capture", timestamp=np.datetime64(round(fix.timestamp * 1e9), "ns"))
@@ -117,7 +119,7 @@ class RerunLog:
             self._draw_fix(located, tape, image)
         else:
             self._forget()
-            dots = _dots(image, located)
+            dots = _dots(located)
             self._log("sensor/dots", rr.Points2D(dots + _CORNER, colors=_PLAIN, radii=rr.Radius.ui_points(4.0)))
         if fix.p_false is not None:
             self._log("chart/log10_p_false", rr.Scalars(log10(max(fix.p_false, _LEAST_P))))
@@ -140,7 +142,7 @@ class RerunLog:
         if self._touched not in (None, tape.name):
             self._forget()
         self._touched = tape.name
-        dots = _dots(image, located)
+        dots = _dots(located)
         parts = view.to_px(self._parts[tape.name])
         seen = parts[np.abs(parts - located.sensor.centre_px).max(axis=1) < max(image.shape)]
         apart = np.hypot(*(dots[:, None, :] - seen[None, :, :]).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
@@ -187,11 +189,11 @@ def _wait_for_viewer() -> None:
         sleep(0.1)
 
 
-def _dots(image: np.ndarray[Any, np.dtype[np.float32]], located: Located) -> FloatArray:
-    from tactape_fab.sense.decode.dots.detect import detect
+def _dots(located: Located) -> FloatArray:
+    from tactape_fab.sense.decode.dots.frame_dots import frame_dots
+    from tactape_fab.sense.decode.dots.inputs import canonical_frame
 
-    finite = np.where(np.abs(image) < 1e15, image, np.float32(0.0))
-    return detect(finite, float(np.sqrt(located.sensor.px_per_mm[0] * located.sensor.px_per_mm[1]))).xy_px
+    return frame_dots(canonical_frame(located.depth, located.sensor), located.sensor).xy_px
 
 
 def _outline_mm(tape: Tape) -> FloatArray:

@@ -167,6 +167,7 @@ def test_a_name_of_any_kind_is_one_entity(recording: Path, default_kit: Kit, tmp
     with RerunLog([tape], job.sensor, save=tmp_path / "a.rrd", show=False) as log:
         assert log.write(replace(located, fix=fix))
         assert log.write(replace(located, fix=replace(fix, timestamp=None)))
+        assert log.write(replace(located, fix=replace(fix, timestamp=1_700_000_000_000_000_000)))  # ns, with --rate
     entities = [entity for entity in rows(tmp_path / "a.rrd") if entity.startswith("/tapes/")]
     assert len({entity.rpartition("/")[0] for entity in entities}) == 1
     assert len(entities) == 5
