@@ -44,7 +44,7 @@ def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
     measured = [tape.name for tape in tapes if tape.as_built is not None]
     if measured:
         raise SpecError(
-            f"{measured[0]} has measured places in as-built.json, and a packed registry holds designs only; leave it out"
+            f"{measured[0]} has measured places in as-built.json, and a packed registry holds designs only; move that file away"
         )
     designs: dict[str, int] = {}
     rows = []

@@ -16,6 +16,7 @@ import tactape_fab
 from tactape_fab import (
     AsBuilt,
     Kit,
+    Localization,
     Localizer,
     Prior,
     SpecError,
@@ -42,7 +43,9 @@ from tactape_fab import (
 )
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense import (
+    ArmPose,
     LiveSensor,
+    Mount,
     Network,
     Parts,
     SensorProfile,
@@ -133,6 +136,9 @@ def test_a_code_s_grid_must_be_numbers() -> None:
         Localizer.from_code("microdots-4x4", wrong, 0.25)
 
 
+FIX = Localization(status="solid", located=True, position_mm=(1.0, 2.0), theta_deg=3.0, board_mm=(4.0, 5.0), covariance=np.eye(3))
+TRANSPOSED = np.array([(1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (1.0, 2.0, 3.0, 1.0)])
+CAMERA = np.array([(900.0, 0.0, 320.0), (0.0, 900.0, 240.0), (0.0, 0.0, 1.0)])
 NO_TAPE = r"^tape = .* is no tape; give Tape\.load\(KIT\)$"
 NO_KIT = r"^path = .* is no path; give the folder of a kit or its manifest\.json, as a text or a Path$"
 NO_LIST = r"is no list of tapes; give \[Tape\.load\(KIT\), \.\.\.\]$"
@@ -202,6 +208,16 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "places": (lambda: Parts(xy_mm=of([1, 2]), rotation_deg=of([0])), r"^xy_mm has the shape \(2,\); give arrays of numbers"),
     "rows": (lambda: simulate(TAPE, (1.0, 2.0), 3.0, parts=Parts(xy_mm=of([[1, 2]]), rotation_deg=of([]))), "^parts has places"),
     "mount": (lambda: sensor_on_object("x", of(3), TAPE, (1.0, 2.0), 3.0), "^mount = 3 is no Mount; give Mount"),
+    "mirror": (lambda: Mount(surface="plane", rotation=-np.eye(3), position_mm=np.zeros(3)), "^mount.rotation = .* is no ro"),
+    "scaled": (lambda: Mount(surface="plane", rotation=2 * np.eye(3), position_mm=np.zeros(3)), "^mount.rotation = .* is no ro"),
+    "cone": (lambda: Mount(surface=of("cone"), rotation=np.eye(3), position_mm=np.zeros(3)), "^mount.surface = 'cone' is none"),
+    "radius": (lambda: Mount(surface="cylinder", rotation=np.eye(3), position_mm=np.zeros(3)), "^mount.top_mm = 0 mm is not"),
+    "around": (lambda: Mount(surface="cylinder", rotation=np.eye(3), position_mm=np.zeros(3), around=of("z")), "^mount.around ="),
+    "at": (lambda: measure_pose(FIX, at=TRANSPOSED), "^at is no pose: give a 4 x 4 matrix of a rotation and, in its last column"),
+    "transposed": (lambda: pixels_to_texture(TAPE, (1, 2), np.eye(3), (0, 0, 9), CAMERA.T), "^camera_matrix = .* is invalid"),
+    "arm pose": (lambda: ArmPose(frame=0, flange_to_base=TRANSPOSED), "^flange_to_base of frame 0 is no pose; give a 4"),
+    "arm shape": (lambda: ArmPose(frame=0, flange_to_base=np.eye(3)), r"^flange_to_base has the shape \(3, 3\); give a 4 x 4"),
+    "arm poses": (lambda: calibrate_sensor([], TAPE, arm_poses=of([3])), r"^arm_poses = \[3\] is no list of ArmPose; give"),
     "frames": (lambda: calibrate_sensor(of(3), TAPE), r"^frames = 3 is no list of frames; give depth maps \(h, w\), one for"),
     "source": (lambda: LiveSensor(of(3), ["k7"]), "^source = 3 is no path; give a folder, a file of frames, a camera or - for"),
     "kits": (lambda: LiveSensor("f.npz", of(3)), "^kits = 3 is no path; give the paths of kits"),

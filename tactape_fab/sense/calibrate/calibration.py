@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
 from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import Bundle, agreeing, designs_of, problem_of, solve
@@ -91,6 +92,9 @@ def calibrate_sensor(
         If frames are no depth maps, show no tape or another one, are too few, or say too little of the camera; with the remedy.
     """
     registered, given = as_tapes(tapes), as_sensor(like)
+    if arm_poses is not None and not (isinstance(arm_poses, Sequence) and all(isinstance(one, ArmPose) for one in arm_poses)):
+        message = f"arm_poses = {shown(arm_poses)} is no list of ArmPose; give [ArmPose(frame=0, flange_to_base=...), ...]"
+        raise SpecError(Problem("arm_poses", message))
     refuse_equal_names(registered, "a press")
     images, bad = checked_frames(frames)
     height, width = images[0].shape

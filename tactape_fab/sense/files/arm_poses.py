@@ -17,6 +17,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.texture.frames import FloatArray
 
@@ -43,12 +44,37 @@ class ArmPose:
         mm.
     sigma_mm, sigma_deg : float
         Standard deviations along and about each axis. `calibrate_sensor` finds them itself.
+
+    Raises
+    ------
+    SpecError
+        If the matrix is no rotation with a place, or another value is none of these.
     """
 
     frame: int
     flange_to_base: FloatArray
     sigma_mm: float = OPTIONAL["sigma_mm"]
     sigma_deg: float = OPTIONAL["sigma_deg"]
+
+    def __post_init__(self) -> None:
+        table = Fields({"frame": self.frame, "sigma_mm": self.sigma_mm, "sigma_deg": self.sigma_deg})
+        table.integer("frame", low=0, high=10**9)
+        table.number("sigma_mm", above=0.0)
+        table.number("sigma_deg", above=0.0, unit="deg")
+        remedy = "a 4 x 4 matrix of a rotation and, in its last column, a place in mm"
+        matrix = as_numbers(self.flange_to_base, (4, 4), "flange_to_base", remedy)
+        if not _is_pose(matrix):
+            table.problem("flange_to_base", f"flange_to_base of frame {shown(self.frame)} is no pose; give {remedy}")
+        if table.problems:
+            raise SpecError(table.problems)
+        object.__setattr__(self, "flange_to_base", matrix)
+
+
+def _is_pose(matrix: FloatArray) -> bool:
+    """Whether a matrix (4, 4) is a rotation with a place."""
+    turn = matrix[:3, :3]
+    whole = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0.0
+    return bool(whole and np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)))
 
 
 def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> list[ArmPose]:
@@ -188,10 +214,7 @@ def _transform(table: Fields, key: str) -> FloatArray:
     rows = table.rows(key, longest=4)
     numbers = Fields({f"{key}[{i}]": row for i, row in enumerate(rows)}, "", table.problems)
     matrix = np.array([numbers.numbers(f"{key}[{i}]", 4, low=-FARTHEST_MM, high=FARTHEST_MM, unit="") for i in range(4)])
-    turn = matrix[:3, :3]
-    if np.isfinite(matrix).all() and not (
-        np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0.0 and np.allclose(matrix[3], (0, 0, 0, 1))
-    ):
+    if np.isfinite(matrix).all() and not _is_pose(matrix):
         table.problem(key, f"{key} is no rotation and place; give the file as calibrate wrote it")
     return matrix
 

@@ -7,16 +7,18 @@ axis, and at height y; if board y is, it is at arc length y from the x axis, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import radians
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.sense.decode.space import Surface, image_pose
-from tactape_fab.sense.objects.rigid import from_quaternion, to_quaternion
+from tactape_fab.sense.objects.rigid import from_quaternion, is_rotation, to_quaternion
 from tactape_fab.texture.frames import FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape, refuse_no_tape
 
@@ -42,6 +44,11 @@ class Mount:
         Cylinder only: radius of the film's neutral layer, whose length does not change, mm.
     around : {"x", "y"}
         Cylinder only: the board axis along the circumference.
+
+    Raises
+    ------
+    SpecError
+        If the rotation is none, or a value has another shape, or is no word or radius of these.
     """
 
     surface: SurfaceKind
@@ -50,6 +57,23 @@ class Mount:
     top_mm: float = 0.0
     true_mm: float = 0.0
     around: Around = "x"
+
+    def __post_init__(self) -> None:
+        refuse_other(self.surface, str, "mount.surface", "surface", "plane or cylinder")
+        remedy = "a rotation matrix (3, 3)"
+        rotation = as_numbers(self.rotation, (3, 3), "mount.rotation", remedy)
+        position_mm = as_numbers(self.position_mm, (3,), "mount.position_mm", "x, y and z in mm")
+        table = Fields({"surface": self.surface, "around": self.around, "top_mm": self.top_mm, "true_mm": self.true_mm}, "mount.")
+        if not is_rotation(rotation):
+            table.problem("rotation", f"rotation = {shown(rotation.tolist())} is no rotation; give {remedy}")
+        if table.text("surface", choices=("plane", "cylinder")) == "cylinder":
+            table.text("around", choices=("x", "y"))
+            table.number("top_mm", above=0.0)
+            table.number("true_mm", above=0.0)
+        if table.problems:
+            raise SpecError(table.problems)
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "position_mm", position_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,12 +174,6 @@ def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.Array
     """
     refuse_other(mount, Mount, "mount", "Mount", "Mount(surface=, rotation=, position_mm=)")
     refuse_no_tape(tape)
-    refuse_other(mount.surface, str, "mount.surface", "surface", "plane or cylinder")
-    mount = replace(
-        mount,
-        rotation=as_numbers(mount.rotation, (3, 3), "mount.rotation", "a rotation matrix (3, 3)"),
-        position_mm=as_numbers(mount.position_mm, (3,), "mount.position_mm", "x, y and z in mm"),
-    )
     x, y = as_numbers(position_mm, (2,), "position_mm", "x and y in mm").tolist()
     theta = radians(as_numbers(theta_deg, (), "theta_deg", "degrees"))
     pose = image_pose(texture_surface(mount, tape), np.array([x, y, theta, 0.0, 0.0, 0.0]))

@@ -90,7 +90,8 @@ def tag_to_texture(tape: Tape) -> FloatArray:
 def camera_arrays(camera_matrix: npt.ArrayLike, distortion: npt.ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
     """A camera's matrix (3, 3) and the coefficients of its lens, None without any. Raises SpecError for an invalid matrix."""
     matrix = as_numbers(camera_matrix, (3, 3), "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-    if min(matrix[0, 0], matrix[1, 1]) <= 0.0:
+    others = matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]]  # a skew, which OpenCV leaves out, and what a transposed matrix has
+    if min(matrix[0, 0], matrix[1, 1]) <= 0.0 or (others != (0.0, 0.0, 0.0, 0.0, 1.0)).any():
         raise SpecError(
             Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is invalid; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
         )

@@ -14,7 +14,7 @@ from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.result import OnObject, state_of, surface_of
 from tactape_fab.sense.decode.space import Surface, image_pose
-from tactape_fab.sense.objects.rigid import to_quaternion
+from tactape_fab.sense.objects.rigid import is_rotation, to_quaternion
 from tactape_fab.texture.frames import FloatArray
 
 if TYPE_CHECKING:
@@ -163,9 +163,9 @@ def measure_pose(
         As `Localization.transform`, and if `at` is not a pose.
     """
     base = np.eye(4) if at is None else as_numbers(at, (4, 4), "at", "a 4 x 4 matrix of a rotation and a position in m")
-    turn = base[:3, :3]
-    if not (np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0.0):
-        raise SpecError(Problem("at", "at is no pose: give a 4 x 4 matrix of a rotation and a position in m"))
+    if not (is_rotation(base[:3, :3]) and np.allclose(base[3], (0.0, 0.0, 0.0, 1.0))):
+        remedy = "give a 4 x 4 matrix of a rotation and, in its last column, a position in m"
+        raise SpecError(Problem("at", f"at is no pose: {remedy}"))
     surface, state = surface_of(fix, frame, on), state_of(fix, origin)
     if surface is None or state is None or state[1] is None:
         return None

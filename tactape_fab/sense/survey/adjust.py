@@ -259,7 +259,7 @@ class _Arm:
         return 3 if len(self.contact) else 0
 
     def _left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What is left over of each pose (n, 3), the turn of the robot's frame (2, 2), and board points so turned (n, 2)."""
+        """Misfit of each pose (n, 3), the turn of the robot's frame (2, 2), and board points so turned (n, 2)."""
         board, theta = self._of(poses)
         c, s = np.cos(self.at[2]), np.sin(self.at[2])
         turn = np.array([[c, -s], [s, c]])

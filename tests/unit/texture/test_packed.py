@@ -117,7 +117,7 @@ def test_it_is_no_kit_and_says_so(packed: bytes, tmp_path: Path) -> None:
 
 def test_measured_tapes_are_not_packed(tapes: list[Tape]) -> None:
     measured = replace(tapes[0], as_built=object.__new__(AsBuilt))
-    with pytest.raises(SpecError, match="holds designs only"):
+    with pytest.raises(SpecError, match="holds designs only; move that file away"):
         pack([measured], [""])
 
 
