@@ -140,7 +140,7 @@ def of_colour_images(profile: SensorProfile) -> SensorProfile:
 
 
 def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile, topic: str | None) -> Sequence[Frames]:
-    """The files in their order, recordings behind them."""
+    """The files in the order in which they are given; of colour images recordings come last."""
     given = frames if raw is None else raw.images
     recorded = [path for path in given if is_recording(path)]
     files, problems = [path for path in given if path not in recorded], list[Problem]()
@@ -151,11 +151,13 @@ def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile, topic:
         opened += tried(partial(open_frames, files, profile), problems) or []
     elif files:
         opened += tried(partial(open_raw, files, raw.background, raw.weights, profile), problems) or []
-    if recorded:
-        opened += _recorded(recorded, raw, profile, topic, problems)
+    recordings = _recorded(recorded, raw, profile, topic, problems) if recorded else []
     if problems:
         raise SpecError(problems)
-    return opened
+    if raw is not None:
+        return [*opened, *recordings]
+    of_files, of_recordings = iter(opened), iter(recordings)
+    return [next(of_recordings if path in recorded else of_files) for path in given]
 
 
 def _recorded(

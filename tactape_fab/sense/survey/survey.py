@@ -92,7 +92,7 @@ def survey_files(
 ) -> Survey:
     """Survey a kit's tape from files of frames.
 
-    frames: As `decode` takes them.
+    frames: As `open_frames` takes them.
     kit: Of the tape that was touched.
     sensor: Profile name, or the path of its TOML file.
     poses: CSV of the robot's poses; see `sense.files.arm_poses`.

@@ -81,6 +81,17 @@ def test_our_own_log_is_decoded_as_its_frames_are(sensor: str, default_kit: Kit,
             assert one["indentation_mm"] == pytest.approx(other["indentation_mm"], rel=1e-3)
 
 
+def test_recordings_and_files_are_decoded_in_the_order_given(default_kit: Kit, tmp_path: Path) -> None:
+    kit, frames, log = default_kit.path, tmp_path / "f.npz", tmp_path / "f.mcap"
+    assert run(f"simulate {kit} -o {frames} --count 2 --seed 3").exit_code == 0
+    assert run(f"watch {frames} --rate 20 --no-drop --tape {kit} --mcap {log}").exit_code == 0
+    other = tmp_path / "g.npz"
+    assert run(f"simulate {kit} -o {other} --count 2 --seed 4").exit_code == 0
+    told, alone = (answers(run(f"decode {files} --tape {kit} --json")) for files in (f"{log} {other} {log}", other))
+    assert [one["frame"] for one in told] == [0, 1, 2, 3, 4, 5]
+    assert [one["position_mm"] for one in told[2:4]] == [one["position_mm"] for one in alone]
+
+
 @pytest.mark.parametrize(
     ("library", "ours"),
     [("tactape-fab 0.1.0", True), ("mcap go #v1.7; tactape-fab 0.1.0", True), ("mcap go #v1", False), ("my tactape-fab", False)],
