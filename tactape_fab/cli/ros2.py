@@ -30,6 +30,8 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
     """
     with answers():
         given: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
+        if sensor is not None and package is not None and sensor.endswith(".toml"):  # the node starts in another folder
+            given["sensor"] = str(Path(sensor).resolve())
         if kits:
             given["kits"] = [str(Path(kit).resolve()) if package is not None else kit for kit in kits]
         if package is not None:

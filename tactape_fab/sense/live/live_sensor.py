@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from math import cos, radians, sin
+from numbers import Integral
 from os import PathLike
 from threading import Condition, Event, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
-from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.sense.decode.result import refuse_no_answer
@@ -119,7 +120,10 @@ class LiveSensor:
             When none came in time.
         TactapeError
             When the source failed, or has ended and there is no such answer.
+        SpecError
+            If `after` is no whole number.
         """
+        refuse_other(after, Integral, "after", "index of a frame", "that of the answer before, or -1 for any")
         with self._changed:
             self._changed.wait_for(lambda: self._ended is not None or self._is_later(after), timeout_s)
             if self._latest is not None and self._is_later(after):
@@ -202,12 +206,15 @@ def observation(fix: Localization, tapes: Sequence[Tape]) -> dict[str, float]:
     Raises
     ------
     SpecError
-        If an argument is of another type, or two tapes have one name.
+        If an argument is of another type, two tapes have one name, or it is located on none of them.
     """
     refuse_no_answer(fix)
     values = dict.fromkeys(observation_names(tapes), 0.0) | {"p_false": 1.0}
     if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
         return values
+    if f"on_{fix.tape}" not in values:
+        message = f"tapes has no {fix.tape}, on which the answer is; give all that are registered, such as LiveSensor.tapes"
+        raise SpecError(Problem("tapes", message))
     theta, variance = radians(fix.theta_deg), (0.0, 0.0, 0.0) if fix.covariance is None else fix.covariance.diagonal().tolist()
     seen = (1.0, *fix.position_mm, sin(theta), cos(theta), *variance, 1.0 if fix.p_false is None else fix.p_false)
     return values | {f"on_{fix.tape}": 1.0} | dict(zip(_OF_FIX, map(float, seen), strict=True))

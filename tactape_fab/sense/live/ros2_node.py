@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _NS = 1_000_000_000
 _DIAGNOSED_S, _PATIENCE_S, _SAID_EACH_S = 1.0, 0.1, 10.0
+_UNUSABLE = "image unusable"
 _OK, _WARN, _STALE = b"\x00", b"\x01", b"\x03"
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 PARAMETERS: Mapping[str, Any] = {
@@ -148,7 +149,7 @@ class _Served:
         try:
             depth = depth_of(image)
         except FrameError as error:
-            self._queue.put(Trouble(kind="image unusable", message=f"frame {number}: {error}"))
+            self._queue.put(Trouble(kind=_UNUSABLE, message=f"frame {number}: {error}"))
             return
         # whole ns beside the frame: its float of seconds would not give them back
         self._stamps[number] = stamp
@@ -203,14 +204,15 @@ class _Served:
         tally = self._tally
         fresh, self._answered = tally.answered - self._answered, tally.answered
         level, said = (_OK, f"{fresh} answers in the last second") if fresh else (_STALE, "no depth image in the last second")
-        if tally.unusable or tally.troubles:
+        unusable = tally.unusable + tally.troubles.get(_UNUSABLE, 0)  # other troubles are those, or holes in images that are used
+        if unusable:
             level, said = _WARN, f"{said}; some images cannot be used"
         values = {
             "answered": tally.answered,
             "located": tally.located,
             "dropped": tally.dropped,
             "late": self._late,
-            "unusable": tally.unusable + sum(tally.troubles.values()),
+            "unusable": unusable,
             "latency_ms_p50": f"{tally.latencies.percentile_ms(50):.2f}",
             "latency_ms_p99": f"{tally.latencies.percentile_ms(99):.2f}",
         }

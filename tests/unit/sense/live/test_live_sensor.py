@@ -101,5 +101,7 @@ def test_an_answer_as_numbers() -> None:
     assert (values["theta_sin"], values["theta_cos"]) == pytest.approx((0.0, -1.0))
     with pytest.raises(SpecError, match="an observation names its tape by that alone"):
         observation_names([replace(tapes[0], name=TAPE.name), TAPE])
+    with pytest.raises(SpecError, match=f"tapes has no {TAPE.name}, on which the answer is; give all that are registered"):
+        observation(fix, tapes[:1])
     lost = observation(Localization(status="none", located=False, p_false=0.2), tapes)
     assert list(lost) == list(values) and lost["p_false"] == 1.0 and sum(lost.values()) == 1.0

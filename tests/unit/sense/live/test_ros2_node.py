@@ -23,6 +23,7 @@ from click.testing import CliRunner
 from rosbags.typesys import Stores, get_typestore
 
 from tactape_fab import FrameError, Kit, SpecError, TactapeError
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import main
 from tactape_fab.sense import image_message, simulate_frames
 from tactape_fab.sense.files.image_message import PIXELS, depth_of
@@ -302,15 +303,22 @@ def test_images_that_cannot_be_used_are_said(default_kit: Kit, monkeypatch: pyte
     def spin(node: Node) -> None:
         node.callback(depth_message(store, np.zeros((240, 320), dtype=np.float32), encoding="rgb8"))
         node.callback(depth_message(store, np.zeros((24, 320), dtype=np.float32)))
+        holes = np.zeros((240, 320), dtype=np.float32)
+        holes[:9] = np.nan
+        while len(node.warnings) < 2 and time.monotonic() < start + PATIENCE_S:  # before the next takes its place
+            time.sleep(0.01)
+        node.callback(depth_message(store, holes))
         end = time.monotonic() + PATIENCE_S
-        while len(node.warnings) < 2 and time.monotonic() < end:
+        while len(node.warnings) < 3 and time.monotonic() < end:
             time.sleep(0.01)
         node.timers[0]()
         raise KeyboardInterrupt
 
+    start = time.monotonic()
     _, node = run(monkeypatch, spin, kits=[str(default_kit.path)])
-    assert "encoding is 'rgb8'" in node.warnings[0] and "(24, 320)" in node.warnings[1]
-    assert [topic for topic, _ in node.published] == ["/diagnostics"] and node.published[0][1].status[0].level == 1
+    assert "encoding is 'rgb8'" in node.warnings[0] and "(24, 320)" in node.warnings[1] and "holes" in node.warnings[2]
+    (health,) = node.of("/diagnostics")
+    assert health.status[0].level == 1 and {"unusable": "2"}.items() <= {v.key: v.value for v in health.status[0].values}.items()
 
 
 def test_parameters_that_cannot_be_used_are_said_together(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -387,6 +395,16 @@ def test_the_generated_package_is_whole(default_kit: Kit, tmp_path: Path) -> Non
         assert path in written and f'"{path}"' in installed
     again = CliRunner().invoke(main, arguments)
     assert again.exit_code == 2 and "nothing is written over" in again.output
+
+
+def test_a_sensor_of_one_s_own_is_found_from_any_folder(
+    default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text((templates_folder() / "sensors" / "digit.toml").read_text())
+    arguments = ["ros2", "--tape", str(default_kit.path), "--sensor", "mine.toml", "--package", "tactape_node"]
+    assert CliRunner().invoke(main, arguments).exit_code == 0
+    assert f'sensor: "{tmp_path}/mine.toml"' in Path("tactape_node/config/tactape.yaml").read_text()
 
 
 def test_its_parameters_are_those_of_the_node(tmp_path: Path) -> None:
