@@ -144,7 +144,12 @@ class _Measured:
         if self._nominal and len(files) > 1:
             message = "as_built = none is given together with files; give either none or the files"
             raise SpecError(Problem("as-built", message))
-        self._files = {} if self._nominal else {AsBuilt.load(file).manifest_sha256: file for file in files}
+        self._files: dict[str, str | Path] = {}
+        for file in () if self._nominal else files:
+            first = self._files.setdefault(AsBuilt.load(file).manifest_sha256, file)
+            if first != file:
+                message = f"as_built = {shown_path(first)} and {shown_path(file)} are of one kit, whose parts stand in one place"
+                raise SpecError(Problem("as-built", f"{message}; give one of them"))
         self._used: set[str] = set()
 
     def of(self, manifest: Path) -> Given:

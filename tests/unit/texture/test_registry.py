@@ -163,6 +163,11 @@ def test_measured_places_are_those_given_those_beside_the_kit_or_none(tmp_path: 
     assert messages(one, as_built=("none", files[0])) == [
         "as_built = none is given together with files; give either none or the files"
     ]
+    again = tmp_path / "again.json"
+    again.write_bytes(files[0].read_bytes())
+    assert shifts(*read_tapes([one], [files[0], files[0]])) == [0.02]
+    (twice,) = messages(one, as_built=(files[0], again))
+    assert twice == f"as_built = {files[0]} and {again} are of one kit, whose parts stand in one place; give one of them"
     (first, second) = messages(tmp_path / "nothing", as_built=(files[0],))
     assert "is no kit" in first and "and none is there; give its kit, too" in second
 
