@@ -115,9 +115,16 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
     """The sensors that are to be watched, and the argument in the place of SOURCE where it is a kit."""
     from tactape_fab.base.errors import Problem, SpecError
     from tactape_fab.base.fields import shown
+    from tactape_fab.sense.files.jobs import is_kit
     from tactape_fab.sense.live.opening import Wanted
+    from tactape_fab.texture.packed import is_packed
 
     named = [found for text in sensors if (found := _NAMED.fullmatch(text))]
+    misnamed = [text for text in sensors if not _NAMED.fullmatch(text) and re.fullmatch(r"[^=/]*=[^:]+:.+", text)]
+    if misnamed:
+        remedy = "use a letter, then letters, digits and _, 32 at most, such as left_hand=digit:frames"
+        message = f"sensor = {shown(misnamed[0])}: its name becomes part of topics of ROS, which has rules for it; {remedy}"
+        raise SpecError(Problem("sensor", message))
     if not named:
         if source is None:
             message = (
@@ -129,6 +136,9 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
     if plain:
         message = f"sensor = {shown(plain[0])} has no name and others have; give NAME=SENSOR:SOURCE for each"
         raise SpecError(Problem("sensor", message))
+    if source is not None and not (is_kit(source) or is_packed(Path(source))):
+        message = f"source = {shown(source)} stands beside --sensor NAME=SENSOR:SOURCE, which has its own; leave it out"
+        raise SpecError(Problem("source", message))
     names = [found[1] for found in named]
     wanted = [Wanted(name=found[1], sensor=found[2], source=found[3], wishes=_wishes(found[1], names, given)) for found in named]
     return wanted, [] if source is None else [source]
