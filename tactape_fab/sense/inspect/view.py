@@ -138,8 +138,9 @@ def _tag_seeds(tags: Sequence[SeenTag], wanted: Sequence[WantedTape]) -> list[_S
     ]
     if len({s.number for s in seeds}) == len(seeds) or any(w.offset_mm is None for w in wanted):
         return list({s.number: s for s in seeds}.values())
-    # where each seed has the panel's origin, mm of the picture: tags of one panel agree on it
-    origins = np.array([s.warp.smooth(-np.asarray(wanted[s.number].offset_mm)[None])[0] / s.warp.px_per_mm for s in seeds])
+    # the panel's corner on each tape's board, and where each seed has it, mm of the picture: tags of one panel agree on it
+    corners = [-np.asarray(wanted[s.number].offset_mm) @ wanted[s.number].turn for s in seeds]
+    origins = np.array([s.warp.smooth(corner[None])[0] / s.warp.px_per_mm for s, corner in zip(seeds, corners, strict=True)])
     near = np.hypot(*(origins[:, None] - origins[None]).transpose(2, 0, 1)) < _SAME_PANEL_MM
     best = int(near.sum(axis=1).argmax())
     return list({s.number: s for s, same in zip(seeds, near[best], strict=True) if same}.values())
@@ -197,11 +198,12 @@ def _neighbours(view: View, wanted: Sequence[WantedTape], known: dict[int, View]
     for i, entry in enumerate(wanted):
         if i in known or entry.offset_mm is None:
             continue
-        apart = entry.offset_mm - here.offset_mm
+        # a board point q of the other tape is at apart + turn @ q on this one's board
+        apart, turn = here.turn.T @ (entry.offset_mm - here.offset_mm), here.turn.T @ entry.turn
         size = np.asarray(entry.tape.board.size_mm)
-        warp = affine_warp(straight[:2].T, straight[2] + apart @ straight[:2], size / 2, float(size.max() / 2))
+        warp = affine_warp(straight[:2].T @ turn, straight[2] + apart @ straight[:2], size / 2, float(size.max() / 2))
         there = entry.tape.part_xy_mm()
-        near = there[np.hypot(*(there + apart - sites.mean(axis=0)).T).argmin()]
+        near = there[np.hypot(*(there @ turn.T + apart - sites.mean(axis=0)).T).argmin()]
         if within(warp.smooth(near[None]), view.picture.shape[:2]).all():
             seeds.append(_Seed(number=i, warp=warp, near_mm=near, found_by="neighbour"))
     return seeds

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,15 @@ from tactape_fab.texture.tape import Tape
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WantedTape:
-    """A tape, the digest of its manifest, and its place on a panel, mm; None where it is by itself."""
+    """A tape, the digest of its manifest, and its place and turn on a panel; None where it is by itself.
+
+    The point p of its board is at offset_mm + turn @ p on the panel.
+    """
 
     tape: Tape
     sha256: str
     offset_mm: FloatArray | None = None
+    turn: FloatArray = field(default_factory=lambda: np.eye(2))
 
 
 def read_wanted(kit: str | Path) -> list[WantedTape]:
@@ -32,24 +36,22 @@ def read_wanted(kit: str | Path) -> list[WantedTape]:
     Raises SpecError if there is none, a tape is no film with parts, or two have one name.
     """
     entries = read_registered([kit])
-    offsets = _offsets(Path(kit))
+    places = _places(Path(kit))
     solid = [e.tape.name for e in entries if e.tape.surface is not None or e.tape.part.shape != "block"]
     if solid:
         message = f"{', '.join(solid)} carries no assembled parts; inspect reads scans of a film with resistors on it"
         raise SpecError(Problem("tape", message))
     refuse_equal_names((entry.tape for entry in entries), "a file of places")
-    return [
-        WantedTape(
-            tape=entry.tape,
-            sha256=manifest_digest(find_manifest(entry.path)),
-            offset_mm=offsets.get(find_manifest(entry.path).resolve()),
-        )
-        for entry in entries
-    ]
+    found = []
+    for entry in entries:
+        file = find_manifest(entry.path)
+        offset_mm, turn = places.get(file.resolve(), (None, np.eye(2)))
+        found.append(WantedTape(tape=entry.tape, sha256=manifest_digest(file), offset_mm=offset_mm, turn=turn))
+    return found
 
 
-def _offsets(kit: Path) -> dict[Path, FloatArray]:
-    """Places of a panel's kits by their manifests; empty if it is no panel."""
+def _places(kit: Path) -> dict[Path, tuple[FloatArray, FloatArray]]:
+    """Places and turns of a panel's kits by their manifests; empty if it is no panel."""
     file = kit / MANIFEST_NAME if kit.is_dir() else kit
     if not file.is_file():
         return {}
@@ -60,4 +62,9 @@ def _offsets(kit: Path) -> dict[Path, FloatArray]:
     placed = read_placed(table)
     if table.problems:
         raise SpecError([Problem("tape", f"{shown_path(file)}: {p.message}") for p in table.problems])
-    return {(file.parent / p.manifest).resolve(): np.array(p.offset_mm) for p in placed}
+    return {(file.parent / p.manifest).resolve(): (np.array(p.offset_mm), _ccw(p.rotation_deg)) for p in placed}
+
+
+def _ccw(angle_deg: float) -> FloatArray:
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    return np.array([(c, -s), (s, c)])

@@ -221,6 +221,30 @@ def test_a_photograph_of_a_panel_is_inspected(panel_2: PanelKit, panel_scan: tup
         assert one.scans[0].growth is not None
 
 
+def test_tapes_that_are_turned_on_a_panel_are_found_beside_others(panel_packed: PanelKit, tmp_path: Path) -> None:
+    """Of five sizes, four of them turned by a quarter, and two of these without a tag: their places say where they are."""
+    dpi, margin_mm = 800.0, 0.4
+    placed = read_placed(Fields(read_any_manifest(panel_packed.path / "manifest.json")))
+    tapes = [Tape.load((panel_packed.path / p.manifest).parent) for p in placed]
+    assert {t.tag is None for p, t in zip(placed, tapes, strict=True) if p.rotation_deg == 90.0} == {True, False}
+    builts = [assembled(t, missing=2, seed=i) for i, t in enumerate(tapes)]
+    still = Scanner(dpi=dpi, turn_deg=0.0, scale=(1.0, 1.0), skew_deg=0.0, jitter_um=0.1, margin_mm=margin_mm, shading=0.0)
+    r, (width_mm, height_mm) = dpi / 25.4, (120.0, 130.0)
+    out = np.full((round(height_mm * r), round(width_mm * r), 3), 236, np.uint8)
+    for i, (p, tape, built) in enumerate(zip(placed, tapes, builts, strict=True)):
+        piece, (w, h) = scan(tape, built, still, seed=i), tape.board.size_mm
+        left, top = p.offset_mm[0], p.offset_mm[1] + h
+        if p.rotation_deg == 90.0:  # counter-clockwise about its lower left corner
+            piece, left, top = np.rot90(piece), left - h, p.offset_mm[1] + w
+        row, column = round((height_mm - top - margin_mm) * r), round((left - margin_mm) * r)
+        out[row : row + piece.shape[0], column : column + piece.shape[1]] = piece
+    found = inspect_scans(write(tmp_path / "panel.png", out), panel_packed.path, dpi=dpi)
+    assert [one.scans[0].found_by for one in found].count("neighbour") == 2
+    for one, built in zip(found, builts, strict=True):
+        np.testing.assert_array_equal(one.present, built.present)
+        assert rms(errors_um(one, built)) < 6.0
+
+
 def test_a_panel_of_which_a_tape_is_not_scanned_is_refused(
     panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path
 ) -> None:
