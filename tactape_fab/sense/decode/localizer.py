@@ -157,8 +157,8 @@ class Localizer:
         if refine is None and method == "ml" and self.sensor.gel.blur_mm is not None:
             refine = "pixels"
         self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
-        # parts of the tape itself: as they are located, `_warm` calls what comes after the search as well
-        cells = first.cells()[first.cells()[:, 0] < 8][:64]
+        # the tape itself, with all parts: as it is located, `_warm` calls what comes after the search as well
+        cells = np.argwhere(np.ones((min(first.rows, 8), min(first.columns, 8)), dtype=bool))[:, ::-1]
         symbols = first.symbols[cells[:, 1], cells[:, 0]]
         self._warm(cells * first.pitch_mm + first.displacement_mm * DIRECTIONS_XY[symbols])
         if self._pixel_fit is not None:

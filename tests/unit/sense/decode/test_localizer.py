@@ -53,6 +53,13 @@ def test_the_worked_example_of_the_contract(localizer: Localizer) -> None:
     assert fix.theta_deg == pytest.approx(30.0, abs=1e-5)
 
 
+def test_a_tape_without_parts_at_its_left_end_is_prepared_for() -> None:
+    """As every tape: all kernels are compiled, with no warning, which is an error here."""
+    bare = np.argwhere(np.ones((TAPE.rows, 9), dtype=bool))[:, ::-1].astype(np.int64)
+    found = Localizer([replace(TAPE, omitted=bare)]).locate_dots(dots())
+    assert found.located and is_near(found, *POSE, 1e-4, 1e-3)
+
+
 @pytest.mark.parametrize("theta_deg", [0.0, 45.0, 90.0, 135.0, 179.9, 180.0, -45.0, -90.0, -135.0, -179.9, 7.3])
 def test_any_turn_is_told(localizer: Localizer, theta_deg: float) -> None:
     fix = localizer.locate_dots(dots((47.7, 21.2), theta_deg))
