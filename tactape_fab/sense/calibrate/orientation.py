@@ -45,7 +45,7 @@ def fitted_size(frame_shape: tuple[int, int], like: SensorProfile) -> SensorProf
         raise SpecError(Problem("frames", message))
     # the same field of view on more pixels: px/mm grows as the root of the area, whatever the sides' ratio
     mean = float(np.sqrt(width * height / (like.width_px * like.height_px)))
-    u, v = like.px_per_mm
+    u, v = like.px_per_mm[::-1] if like.rotate90 % 2 else like.px_per_mm
     scale = (min(max(u * mean, 1.0), 1000.0), min(max(v * mean, 1.0), 1000.0))
     return replace(like, width_px=width, height_px=height, px_per_mm=scale, rotate90=0, mask=None, geometry=Geometry())
 

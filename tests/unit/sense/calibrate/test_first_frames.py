@@ -10,6 +10,7 @@ import pytest
 from tactape_fab import SpecError
 from tactape_fab.sense import SensorProfile
 from tactape_fab.sense.calibrate.first_frames import look_at_frames
+from tactape_fab.sense.calibrate.orientation import fitted_size
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
 
@@ -74,6 +75,14 @@ def test_faults_of_the_frames_are_named() -> None:
     assert "frames are 200 x 320 px (height x width), those of 'gelsight-mini' 240 x 320" in said([f[40:] for f in frames])
     with pytest.raises(SpecError, match="no frame shows anything"):
         said([np.full((240, 320), np.nan, dtype=np.float32)])
+
+
+def test_frames_of_another_size_have_their_field_of_view_upright() -> None:
+    """Of a profile that turns its frames by a quarter the scale along u is that along the frames' height."""
+    oblong = replace(TRUE, width_px=320, height_px=192, px_per_mm=(16.0, 12.8), rotate90=1)
+    half = fitted_size((160, 96), oblong)
+    assert (half.frame_shape, half.rotate90) == ((160, 96), 0) and half.px_per_mm == pytest.approx((6.4, 8.0))
+    assert fitted_size((320, 192), oblong) is oblong
 
 
 def test_another_tape_is_named_by_the_decoder() -> None:
