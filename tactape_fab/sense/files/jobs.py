@@ -202,6 +202,13 @@ def make_locator(job: Job, sensor: SensorProfile) -> Locate:
     return Localizer.from_code(job.code.name, job.code.pitch_mm, job.code.displacement_mm, sensor, **settings).locate
 
 
+def by_scale_of_file(fix: Localization, px_per_mm: tuple[float, float] | None) -> Localization:
+    """An answer whose reason says where the scale is to be corrected: a file's own counts, whatever the profile says."""
+    if px_per_mm is None or fix.reason is None or "px_per_mm" not in fix.reason:
+        return fix
+    return replace(fix, reason=f"{fix.reason}; the file has a px_per_mm of its own, which counts: correct it, or leave it out")
+
+
 def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_locator) -> Iterator[Located]:
     """Answers for all frames of a job's files, in order.
 
@@ -219,6 +226,6 @@ def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_lo
         if (scale, ours) not in locators:
             locators[scale, ours] = locator(job, own)
         for k, depth in enumerate(file.frames()):
-            fix = locators[scale, ours](depth, timestamp=file.time_of(k))
+            fix = by_scale_of_file(locators[scale, ours](depth, timestamp=file.time_of(k)), file.px_per_mm)
             yield Located(frame=frame, depth=depth, sensor=own, fix=fix)
             frame += 1

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, TactapeError
-from tactape_fab.sense.files.jobs import Job, Locate, Located, make_locator
+from tactape_fab.sense.files.jobs import Job, Locate, Located, by_scale_of_file, make_locator
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble, take_next
 from tactape_fab.sense.sensors import SensorProfile
@@ -128,7 +128,7 @@ def _located(
             message = f"frame {frame.number}: {holes} of {frame.image.size} values are NaN or infinite; they are treated as holes"
             tally.trouble(Trouble(kind="frame with holes", message=message))
     depth = frame.image if watched.reconstruction is None else _depth(frame.image, watched.reconstruction, sensor)
-    fix = locate(depth, timestamp=frame.timestamp)
+    fix = by_scale_of_file(locate(depth, timestamp=frame.timestamp), frame.px_per_mm)
     return Located(frame=frame.number, depth=depth, sensor=sensor, fix=fix)
 
 

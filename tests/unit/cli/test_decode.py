@@ -439,3 +439,16 @@ def test_decoding_loads_no_cad_and_no_mesh_library(default_kit: Kit, frames: Pat
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True)
     assert out.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_scale_is_corrected_where_it_counts(default_kit: Kit, tmp_path: Path) -> None:
+    """A file's own px/mm goes before the profile's, so a reason that names the profile alone would lead nowhere."""
+    kit, own, bare = default_kit.path, tmp_path / "own.npz", tmp_path / "bare.npz"
+    assert run(f"simulate {kit} -o {own} --count 2 --scale-error 0.3").exit_code == 0
+    with np.load(own) as frames:
+        np.savez(bare, depth=frames["depth"])
+    remedy = "which counts: correct it, or leave it out"
+    for words in ("decode", "watch --rate max"):
+        by_file, by_profile = (run(f"{words} {path} --tape {kit} --json").stdout for path in (own, bare))
+        assert all("px_per_mm = [20.8" in said for said in (by_file, by_profile))
+        assert remedy in by_file and remedy not in by_profile
