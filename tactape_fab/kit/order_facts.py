@@ -258,7 +258,7 @@ def panel_order_facts(
         rotation_deg=(rotation_deg + 90.0 * all(turned)) % 360.0,
         first_mm=ends[0],
         last_mm=ends[1],
-        designs=len({(layout.tape.code, layout.tape.sector, layout.tape.origin) for layout in layouts}),
+        designs=len({_design(layout) for layout in layouts}),
         panel=OrderedPanel(
             words=panel.words,
             mixed=len(set(made)) > 1,
@@ -288,6 +288,13 @@ def _made(layout: Layout) -> tuple[str, str, str]:
     tape, anchors = layout.tape, layout.anchors
     way = layout.coverlay
     return f"W {tape.pitch_mm:.4g} Δ {tape.displacement_mm:.4g}", way, "none" if anchors is None else anchors.mode
+
+
+def _design(layout: Layout) -> tuple[object, ...]:
+    """Values that two tapes of a panel have in common if they are one design, whatever they are called."""
+    tape = layout.tape
+    texture = tape.code, tape.sector, tape.origin, tape.directions, tape.pitch_mm, tape.displacement_mm
+    return (*texture, tape.board, tape.tag, *_made(layout))
 
 
 def _either(values: Iterable[float]) -> str:

@@ -18,7 +18,8 @@ from tactape_fab.base.errors import Finding
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.artifact import AnyArtifact, Artifact
 from tactape_fab.kit.examine.tape import Examined, examine
-from tactape_fab.kit.order_facts import OrderFacts, order_facts
+from tactape_fab.kit.order_facts import OrderFacts, order_facts, panel_order_facts
+from tactape_fab.kit.panel.packing import pack_panels
 from tactape_fab.kit.profiles import COVERLAY_MODES, FabProfile, load_fab
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.writer import FAB_ZIP_ROLES, RENDERERS
@@ -224,6 +225,27 @@ def test_a_board_that_fits_the_line_needs_no_panel() -> None:
     assert "please panelise it" in notes_of(facts_of(examined(size_mm=(100.0, 50.0))))
     assert "please panelise it" not in notes_of(facts_of(examined(size_mm=(100.0, 80.0), pitch_mm=4.0)))
     assert "please panelise it" in notes_of(facts_of(examined(size_mm=(251.0, 80.0), pitch_mm=4.0)))
+
+
+@pytest.mark.parametrize(
+    ("other", "designs"),
+    [
+        ({"name": "copy"}, 1),
+        ({"sector": 8}, 2),
+        ({"size_mm": (50.0, 30.0)}, 2),
+        ({"pitch_mm": 1.8, "displacement_mm": 0.25}, 2),
+        ({"holes_mm": ((30.0, 15.0, 1.0),)}, 2),
+        ({"coverlay": "gang"}, 2),
+    ],
+)
+def test_tapes_of_one_sector_that_differ_otherwise_are_different_designs(other: dict[str, Any], designs: int) -> None:
+    usual: dict[str, Any] = {"fab": "jlcpcb-fpc", "pitch_mm": 2.1, "displacement_mm": 0.25}
+    tapes = [examined(**{**usual, **more}) for more in ({}, other)]
+    _, (packed,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
+    layouts = [tapes[i].layout for i in packed.tapes]
+    facts = panel_order_facts("panel", packed.panel, layouts, tapes[0].fab, tapes[0].findings, files_of(tapes[0]))
+    (artifact,) = render_order_notes(facts)
+    assert f"Different Design {designs} " in flat(artifact.data.decode("utf-8"))
 
 
 def test_more_parts_than_a_line_takes_are_said() -> None:
