@@ -109,6 +109,17 @@ def drawn(file: Path, place: FloatArray, axes: FloatArray) -> np.ndarray:
     return picture
 
 
+@pytest.mark.parametrize("name", ["world", "texture", "tag"])
+def test_a_tape_may_have_the_name_of_a_frame(mujoco: Any, name: str, tmp_path: Path) -> None:
+    spec = TapeSpec(sector=7, name=name, size_mm=(30.0, 20.0), models=False, sim=True)
+    made = make_kit(spec, tmp_path / name, verify=False)
+    model = mujoco.MjModel.from_xml_path(str(sim_file(made, ".xml")))
+    assert [model.body(k).name for k in range(model.nbody)] == ["world", f"{name}_body"]
+    robot = reader("yourdfpy", "yourdfpy").URDF.load(str(sim_file(made, ".urdf")), load_meshes=False)
+    assert (robot.base_link, sorted(robot.link_map)) == (f"{name}_body", sorted([f"{name}_body", "tag", "texture"]))
+    mujoco.MjModel.from_xml_path(str(sim_file(made, ".urdf")))
+
+
 CAMERAS = [((0.004, 0.003, 0.022), (0, 1, 0)), ((0.012, -0.008, 0.02), (0.3, 1, 0)), ((-0.005, 0.012, 0.03), (1, 0.2, 0))]
 
 

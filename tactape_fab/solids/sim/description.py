@@ -12,6 +12,8 @@ from tactape_fab.solids.sim.body import Body, Box, Frame
 Colour = tuple[float, float, float]
 _SEEN, _COLLIDES = 2, 3
 """MuJoCo's usual groups of geoms that are seen and of those that collide, which its viewer hides."""
+_TAKEN = ("world", "texture", "tag")
+"""Names of bodies and links that a tape's own may not be: MuJoCo's root, and those of frames."""
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -32,6 +34,11 @@ def frame_quaternion(frame: Frame) -> tuple[float, float, float, float]:
     return 0.0, float(np.cos(frame.turn_rad / 2)), float(np.sin(frame.turn_rad / 2)), 0.0
 
 
+def _link(body: Body) -> str:
+    """The body's name as a body or link."""
+    return f"{body.name}_body" if body.name in _TAKEN else body.name
+
+
 def mjcf(body: Body, mesh_file: str, colour_file: str | None, rgb: Colour) -> bytes:
     """The body with its visual mesh, what collides, inertia, and a site for each frame; without a joint, as an object's skin."""
     m = body.inertia
@@ -47,7 +54,7 @@ def mjcf(body: Body, mesh_file: str, colour_file: str | None, rgb: Colour) -> by
         f'    <mesh name="{body.name}" file="{mesh_file}"/>',
         "  </asset>",
         "  <worldbody>",
-        f'    <body name="{body.name}">',
+        f'    <body name="{_link(body)}">',
         f'      <inertial pos="{numbers(body.centre)}" mass="{body.mass:.9g}" fullinertia="{inertia}"/>',
         f'      <geom name="visual" type="mesh" mesh="{body.name}" material="look" contype="0" conaffinity="0" group="{_SEEN}"/>',
         *(f"      {_geom(k, box)}" for k, box in enumerate(body.boxes)),
@@ -84,7 +91,7 @@ def urdf(body: Body, mesh_file: str, hull_file: str | None, rgb: Colour) -> byte
     lines = [
         '<?xml version="1.0"?>',
         f'<robot name="{body.name}">',
-        f'  <link name="{body.name}">',
+        f'  <link name="{_link(body)}">',
         "    <inertial>",
         f'      <origin xyz="{numbers(body.centre)}" rpy="0 0 0"/>',
         f'      <mass value="{body.mass:.9g}"/>',
@@ -110,7 +117,7 @@ def urdf(body: Body, mesh_file: str, hull_file: str | None, rgb: Colour) -> byte
         lines += [
             f'  <link name="{frame.name}"/>',
             f'  <joint name="{frame.name}_of_{body.name}" type="fixed">',
-            f'    <parent link="{body.name}"/>',
+            f'    <parent link="{_link(body)}"/>',
             f'    <child link="{frame.name}"/>',
             f'    <origin xyz="{numbers(frame.origin)}" rpy="{numbers([pi, 0, frame.turn_rad])}"/>',
             "  </joint>",
