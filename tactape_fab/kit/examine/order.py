@@ -232,7 +232,7 @@ def _panel_problems(spec: TapeSpec, first: object, request: PanelRequest, fab: F
     arrangement = request.arrangement
     if arrangement is None:
         arrangement = tried(lambda: choose_arrangement(spec.size_mm, fab, count), problems)
-    elif (problem := arrangement_problem(spec.size_mm, arrangement, fab)) is not None:
+    elif (problem := arrangement_problem(spec.size_mm, arrangement, fab, count)) is not None:
         problems.append(problem)
         arrangement = nearest_arrangement(spec.size_mm, arrangement, fab)
     problems = [replace(problem, needs=("size_mm", "fab")) for problem in problems]

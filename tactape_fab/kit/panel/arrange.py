@@ -67,13 +67,17 @@ def _takes(fab: FabProfile) -> str:
     )
 
 
-def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile) -> Problem | None:
-    """Problems of a panel of so many columns and rows of tapes at this fab."""
+def arrangement_problem(
+    tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile, named: int | None = None
+) -> Problem | None:
+    """Problems of a panel of so many columns and rows of tapes at this fab; ``named`` is the number of sectors, if given."""
     size = panel_size_mm(tape_mm, arrangement, fab.panel.rail_mm, fab.panel.gap_mm)
     if within(size, fab):
         return None
     nearest = nearest_arrangement(tape_mm, arrangement, fab)
     remedy = "use another --size, or --panel none" if nearest is None else f"use --panel {nearest[0]}x{nearest[1]}"
+    if nearest is not None and named not in (None, nearest[0] * nearest[1]):
+        remedy += f", and name {nearest[0] * nearest[1]} sectors"
     said = f"panel = {arrangement[0]}x{arrangement[1]} of {tape_mm[0]:g} x {tape_mm[1]:g} mm tapes"
     return Problem("panel", f"{said} is {size[0]:g} x {size[1]:g} mm, but {_takes(fab)}; {remedy}")
 
