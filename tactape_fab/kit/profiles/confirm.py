@@ -151,7 +151,7 @@ def _modes(fab: FabProfile, whole: Sequence[Trial], broken: Sequence[Trial]) -> 
 
 
 def _limits(fab: FabProfile, whole: Sequence[Trial]) -> Iterator[tuple[str, float]]:
-    """Limits that a whole tape was no wider than, at the narrowest that came back whole."""
+    """Limits that a whole tape was no wider than, at the narrowest that came back whole; 0 where courtyards overlap."""
     for rule in CONFIRMABLE:
         values = [
             t.measured_mm[rule]
@@ -160,4 +160,4 @@ def _limits(fab: FabProfile, whole: Sequence[Trial]) -> Iterator[tuple[str, floa
         ]
         # a gap wider than the limit proves nothing about the limit
         if values and min(values) <= fab.limits[rule].value_mm + _MET_MM:
-            yield rule, round(min(values), 3)
+            yield rule, max(round(min(values), 3), 0.0)

@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.examine.coupon import TAPE_MM, examine_coupon
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.kit.profiles.confirm import Confirmed, Trial, confirm, read_trials
 
+FABS = profile_names("fabs")
 DATE, SOURCE = "2026-11-23", "coupon c: sectors as judged"
 
 
@@ -50,6 +52,16 @@ def test_the_narrowest_bridge_that_held_is_the_limit(trials: tuple[Trial, ...], 
     assert not fab.limits["pad-pad"].confirmed  # no tape was that narrow
     assert fab.limits["opening-size"] == before.limits["opening-size"]
     assert any("0.35 mm confirmed, 0.5 mm before" in line for line in found.lines)
+
+
+@pytest.mark.parametrize("fab", FABS)
+def test_a_coupon_that_came_back_whole_confirms_any_profile(fab: str, tmp_path: Path) -> None:
+    place, trials = tmp_path / "mine.toml", examine_coupon(fab).trials  # on the narrowest tapes courtyards overlap
+    found = confirm(fab, trials, {trial.sector for trial in trials}, (), date=DATE, source=SOURCE, place=place)
+    place.write_text(found.text)
+    limits = load_fab(str(place)).limits
+    assert limits["opening-bridge"].value_mm == min(trial.value_mm or 1.0 for trial in trials)
+    assert limits["courtyard"].confirmed and limits["courtyard"].value_mm == 0.0
 
 
 def test_ways_that_failed_are_left_out(trials: tuple[Trial, ...], tmp_path: Path) -> None:
