@@ -171,6 +171,29 @@ def test_every_way_to_be_misplaced_is_put_into_words(default_kit: Kit) -> None:
     }
 
 
+@pytest.mark.parametrize("share", [0.1, 1 / 6, 0.26, 0.3, 0.4, 0.45])
+def test_parts_are_found_on_their_grid_whatever_their_displacement(share: float) -> None:
+    tape = examine(TapeSpec(sector=7, part="dome", body_mm=(0.2, 0.2, 0.05), pitch_mm=2.4, displacement_mm=2.4 * share)).tape
+    at = tape.part_xy_mm()
+    assert explain(tape, at) is None
+    if share > 0.4:
+        return
+    assert explain(tape, at + np.array([0.0, 0.05])) == "it is shifted by (+0.000, +0.050) mm on the board"
+    assert explain(tape, at * (1.0, -1.0) + np.array([0.0, tape.board.size_mm[1]])) == "it is mirrored top to bottom"
+    scattered = np.random.default_rng(1).uniform(0.0, 40.0, (900, 2))
+    assert explain(tape, scattered) in (
+        "its parts stand on no grid of pitch 2.4 mm",
+        "its parts name no one place of 'microdots-4x4' or another code",
+    )
+
+
+def test_a_tape_whose_dots_the_quick_method_cannot_tell_apart_is_made(tmp_path: Path) -> None:
+    values = {"sector": 101, "pitch_mm": 1.378, "displacement_mm": 0.377, "part": "dome", "body_mm": [0.571, 0.228]}
+    kit = make_kit(TapeSpec.from_mapping({**values, "size_mm": [24.1, 27.1]}), tmp_path / "kit")
+    (check,) = (c for c in kit.checks if c.name == "round trip from STL")
+    assert check.passed or check.warning, check.message
+
+
 def _again(tape: Tape, **options: object) -> Tape:
     from tactape_fab.kit.examine.tape import examine
 

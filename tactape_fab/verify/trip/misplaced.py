@@ -16,7 +16,9 @@ from tactape_fab.texture.windows import windows_of
 _LEAST_AGREEMENT = 0.5
 """Fraction of the whole windows that must give the same place."""
 _LEAST_ORDER = 0.5
-"""Least agreement of parts with a grid: 1 is exact, 0 is random."""
+"""Least agreement of parts with a grid: 1 is of parts on its points, 0 is random."""
+_LEAST_OF_OWN = 2.0 / 3.0
+"""The same as a fraction of what the tape's own parts have, which is (1 + cos(2 pi Δ/W)) / 2: below 0.5 from W/4 on."""
 _MOST_CELLS = 4_000_000
 _TOLERANCE_MM = 0.001
 _MIRROR = np.array([[-1.0, 0.0], [0.0, 1.0]])
@@ -47,15 +49,31 @@ def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
     if len(xy_mm) == 0:
         return "it has no parts"
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
-    # mean resultant of the phases along each axis; where half of the parts are displaced along it, it is
-    # (1 + cos(2 pi Delta / W)) / 2 for exact ones: 0.75 at Delta = W / 6
-    order = np.abs(np.exp(2j * np.pi * texture_mm / tape.pitch_mm).mean(axis=0))
-    if order.min() < _LEAST_ORDER:
+    if _in_place(tape, texture_mm):
+        return None
+    own_mm = board_to_texture(tape.part_xy_mm(), tape.board.texture_origin_mm)
+    if _order(texture_mm, tape.pitch_mm) < min(_LEAST_ORDER, _LEAST_OF_OWN * _order(own_mm, tape.pitch_mm)):
         return f"its parts stand on no grid of pitch {tape.pitch_mm:g} mm"
     named = _best(tape, texture_mm)
     if named is None:
         return f"its parts name no one place of '{tape.code}' or another code"
     return _in_words(tape, named)
+
+
+def _in_place(tape: Tape, texture_mm: FloatArray) -> bool:
+    """Whether every part is at a place of the tape's, whatever its displacement."""
+    cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
+    if (cell < 0).any() or (cell >= (tape.columns, tape.rows)).any():
+        return False
+    places_mm = cell * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[tape.symbols[cell[:, 1], cell[:, 0]]]
+    return bool(np.abs(texture_mm - places_mm).max() <= _TOLERANCE_MM)
+
+
+def _order(texture_mm: FloatArray, pitch_mm: float) -> float:
+    """Agreement of parts with a grid, along the axis where it is least."""
+    # mean resultant of the phases along each axis; where half of the parts are displaced along it, it is
+    # (1 + cos(2 pi Delta / W)) / 2 for exact ones: 0.75 at Delta = W / 6
+    return float(np.abs(np.exp(2j * np.pi * texture_mm / pitch_mm).mean(axis=0)).min())
 
 
 def _best(tape: Tape, texture_mm: FloatArray) -> _Named | None:
