@@ -334,7 +334,7 @@ def _field(layout: Layout) -> Box:
 
 
 def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box | None:
-    """The tallest area of the strip without ink, clear of the field; None without a strip or without space."""
+    """The tallest area of the strip without ink and holes, clear of the field; None without a strip or without space."""
     tape, legend, edge_mm = layout.tape, layout.legend, fab.legend.edge_mm
     if tape.tag is None:
         return None
@@ -343,6 +343,7 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
     # intervals of y that are inked anywhere in the strip: tag, then each stroke of the label
     inked = [(tape.tag.center_mm[1] - half_mm, tape.tag.center_mm[1] + half_mm)]
     inked += [(float(stroke[:, 1].min()), float(stroke[:, 1].max())) for stroke in legend.strokes_mm]
+    inked += [(y - d / 2, y + d / 2) for x, y, d in tape.board.holes if x - d / 2 < right_mm + _INK_CLEAR_MM]
     # sorted by their lower ends, with the board's edges as intervals of no length at both ends
     ends = np.array(sorted([(edge_mm, edge_mm), *inked, *[(tape.board.size_mm[1] - edge_mm,) * 2]]))
     # the highest end so far: nested and overlapping intervals leave no gap between them

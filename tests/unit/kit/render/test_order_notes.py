@@ -159,6 +159,15 @@ def test_where_the_fab_may_print_there_is_no_ink_and_no_part(size_mm: tuple[floa
     assert f"x {area[0]:.1f} to {area[2]:.1f} mm, y {area[1]:.1f} to {area[3]:.1f} mm" in notes_of(facts_of(made))
 
 
+@pytest.mark.parametrize("hole", [(3.0, 40.0, 2.0), (6.4, 35.0, 2.0), (0.9, 38.0, 0.5)])
+def test_where_the_fab_may_print_there_is_no_hole(hole: tuple[float, float, float]) -> None:
+    free = facts_of(examined(size_mm=(50.0, 60.0), name="a", tag_id=7)).number_mm
+    area = facts_of(examined(size_mm=(50.0, 60.0), name="a", tag_id=7, holes_mm=(hole,))).number_mm
+    assert free is not None and area is not None
+    cut = shapely.Point(hole[:2]).buffer(hole[2] / 2)
+    assert shapely.box(*free).distance(cut) < 0.5 <= shapely.box(*area).distance(cut) + 1e-3
+
+
 def test_without_a_strip_the_fab_may_print_nowhere() -> None:
     facts = facts_of(examined(tag="none"))
     assert facts.number_mm is None
