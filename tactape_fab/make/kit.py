@@ -31,7 +31,7 @@ from tactape_fab.kit.writer import (
 )
 from tactape_fab.make.publish import finished
 from tactape_fab.report import add_report
-from tactape_fab.solids.checks import form_problems
+from tactape_fab.solids.checks import form_problems, hole_problems
 from tactape_fab.texture.certify.origin import Choice
 from tactape_fab.texture.manifest import MANIFEST_NAME
 from tactape_fab.texture.tape import Tape
@@ -152,7 +152,7 @@ def make_examined(
 ) -> Kit:
     """Make the kit of a tape that has been examined; see `make_kit`."""
     target = Path(examined.tape.name) if path is None else as_path(path, "path", "the folder of the kit")
-    blocking = refuse_broken(examined.findings, examined, target, overwrite=overwrite, force=force)
+    blocking = refuse_broken(examined.findings, [examined], target, overwrite=overwrite, force=force)
     with finished(target, "kit", overwrite=overwrite, signer=signer) as folder:
         files, checks = fill_kit(folder, examined, blocking, verify=verify, progress=progress)
     return Kit(
@@ -230,22 +230,25 @@ def refuse_wrong_how(*, verify: object, force: object, signer: object) -> None:
 
 
 def refuse_broken(
-    findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: Overwrite, force: bool
+    findings: Sequence[Finding], drawn: Sequence[Examined], target: Path, *, overwrite: Overwrite, force: bool
 ) -> list[Finding]:
     """Refuse a path that is taken, and broken rules unless they are forced; returns the broken ones.
 
-    `drawn` is the tape, or any of those on a panel: something that cannot be drawn is refused even if forced.
+    `drawn` is the tape, or those of a panel: something that cannot be drawn is refused even if forced.
     """
     blocking = [finding for finding in findings if finding.blocks]
     try:
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, () if force else blocking) from None
-    form = drawn.spec.form
+    holes = [p for tape in drawn if tape.spec.form is not None or tape.spec.sim for p in hole_problems(tape.tape.board)]
+    if force and holes:
+        raise SpecError(holes)
+    first = drawn[0]
     never = (
         # a chip larger than its cell may be forced onto a film, but its models would overlap, and no file can say them
-        undrawable(form_problems(drawn.tape, form), drawn.spec, drawn.film)
-        if force and form is not None and drawn.film is not None
+        undrawable(form_problems(first.tape, first.spec.form), first.spec, first.film)
+        if force and first.spec.form is not None and first.film is not None
         else []
     )
     if blocking and (never or not force):

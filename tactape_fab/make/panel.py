@@ -126,7 +126,7 @@ def make_panel(
     refuse_wrong_how(verify=verify, force=force, signer=signer)
     findings = examined.findings
     target = Path(examined.name) if path is None else as_path(path, "path", "the folder of the panel")
-    blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
+    blocking = refuse_broken(findings, examined.tapes, target, overwrite=overwrite, force=force)
     with finished(target, "panel", overwrite=overwrite, signer=signer) as folder:
         artifacts, checks = fill_panel(folder, examined, blocking, verify=verify, progress=progress)
     return PanelKit(

@@ -13,7 +13,9 @@ from tactape_fab.base.given_value import refuse_other
 from tactape_fab.solids.elements import mean_radius_mm, reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm, read_form
 from tactape_fab.solids.rise import foot_radius_mm, meets_cylinder
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
 
 LEAST_CLEARANCE_MM = 0.002
@@ -44,7 +46,24 @@ def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
     problems = list(_cell_problems(tape))
     if form.cylinder is not None:
         problems += _cylinder_problems(tape, form, form.cylinder)
-    return problems or list(_edge_problems(tape, form))
+    return [*(problems or _edge_problems(tape, form)), *hole_problems(tape.board)]
+
+
+def hole_problems(board: Board) -> list[Problem]:
+    """Holes that no solid has, as they overlap or reach beyond the outline, each with its remedy."""
+    holes = np.array(board.holes).reshape(-1, 3)
+    words = ["--hole " + ",".join(f"{value:.10g}" for value in hole) for hole in board.holes]
+    out = inset_mm(holes[:, :2], board.size_mm, board.corner_radius_mm) - holes[:, 2] / 2 < _TOLERANCE_MM
+    problems = [
+        Problem("holes_mm", f"holes_mm: {words[i]} reaches beyond the outline, as in no model; move it inward, or leave it out")
+        for i in np.flatnonzero(out).tolist()
+    ]
+    for i, (x, y, diameter) in enumerate(board.holes):
+        gaps = np.hypot(holes[:i, 0] - x, holes[:i, 1] - y) - (holes[:i, 2] + diameter) / 2
+        if (gaps < _TOLERANCE_MM).any():
+            other = words[int(gaps.argmin())]
+            problems.append(Problem("holes_mm", f"holes_mm: {words[i]} overlaps {other}, as in no model; leave one of them out"))
+    return problems
 
 
 def _cell_problems(tape: Tape) -> Iterator[Problem]:

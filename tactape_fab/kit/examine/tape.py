@@ -33,7 +33,7 @@ from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS
 from tactape_fab.kit.spec.tape_spec import DEFAULTS, TapeSpec, read_spec
-from tactape_fab.solids.checks import form_problems
+from tactape_fab.solids.checks import form_problems, hole_problems
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify.certificate import Certificate, certify, pair_words
 from tactape_fab.texture.certify.origin import Choice, choose_origin, choose_sector
@@ -324,7 +324,7 @@ def _measured(
     size if the board is a substitute of another one.
     """
     fab, part, process, form = profiles.fab, profiles.part, profiles.process, spec.form
-    of_form = [] if form is None else form_problems(tape, form)
+    of_form = form_problems(tape, form) if form is not None else hole_problems(tape.board) if spec.sim else []
     film = None
     if isinstance(part, PartProfile):
         assert fab is not None
@@ -339,6 +339,8 @@ def _measured(
         assert form is not None
         assert process is not None
         findings = check_texture(tape, form, process, spec, part)
+    if _broken(findings, "hole-hole") or _broken(findings, "hole-edge"):  # told already
+        of_form = [problem for problem in of_form if problem not in hole_problems(tape.board)]
     # which keys a problem of the models depends on: it is not told where one of these was refused
     needs: dict[str, tuple[str, ...]] = {"part": ELEMENT_KEYS, "holes_mm": (), "rotation_deg": ()}
     refused = [*problems, *([Problem("size_mm", "")] if resized else [])]

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import pi
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tactape_fab.solids.checks import form_problems
+from tactape_fab import TapeSpec, make_kit
+from tactape_fab.base.errors import SpecError
+from tactape_fab.solids.checks import form_problems, hole_problems
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.rise import foot_loop_mm
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.tape import Tape
 from tests.solids import BLOCK, DOME, tape_of
 from tests.unit.solids.mesh.test_meshes import checked
@@ -103,3 +107,27 @@ def test_all_problems_come_together() -> None:
     tape = tape_of(replace(DOME, body_mm=(1.2, 1.2, 0.23)), 8, 8, holes_mm=[(5.0, 5.0, 1.0)])
     keys = [p.key for p in form_problems(tape, SolidForm(cylinder=Cylinder(radius_mm=2.0)))]
     assert keys == ["part", "cylinder_mm", "holes_mm"]
+
+
+@pytest.mark.parametrize(
+    ("holes", "words"),
+    [
+        ([(8.0, 8.0, 2.0), (10.0, 8.0, 3.0)], ["--hole 10,8,3 overlaps --hole 8,8,2"]),
+        ([(8.0, 8.0, 2.0), (8.0, 8.0, 2.0)], ["--hole 8,8,2 overlaps --hole 8,8,2"]),
+        ([(8.0, 8.0, 4.0), (8.0, 8.5, 1.0)], ["--hole 8,8.5,1 overlaps --hole 8,8,4"]),
+        ([(1.2, 1.2, 2.0)], ["--hole 1.2,1.2,2 reaches beyond the outline"]),
+        ([(8.0, 8.0, 2.0), (10.01, 8.0, 2.0), (2.0, 2.0, 1.0)], []),
+    ],
+)
+def test_holes_that_no_solid_has_are_refused(holes: list[tuple[float, float, float]], words: list[str]) -> None:
+    board = Board(size_mm=(20.0, 16.0), texture_origin_mm=(1.0, 15.0), corner_radius_mm=3.0, thickness_mm=0.8, holes=tuple(holes))
+    found = [problem.message for problem in hole_problems(board)]
+    assert [message.removeprefix("holes_mm: ").split(", as in no")[0] for message in found] == words
+
+
+@pytest.mark.parametrize("more", [{"part": "block"}, {}, {"models": False, "sim": True}])
+@pytest.mark.parametrize("holes", [((18.7, 18.1, 2.4), (19.6, 20.6, 3.6)), ((0.9, 0.9, 1.6),)])
+def test_they_are_refused_though_rules_are_forced(more: dict[str, Any], holes: Any, tmp_path: Path) -> None:
+    radius: dict[str, Any] = {"corner_radius_mm": 5.0, "tag": "none"} if len(holes) == 1 else {}
+    with pytest.raises(SpecError, match=r"overlaps|beyond the outline"):
+        make_kit(TapeSpec(sector=7, size_mm=(40.0, 40.0), holes_mm=holes, **radius, **more), tmp_path / "kit", force=True)
