@@ -211,11 +211,11 @@ def load_fab(name: str) -> FabProfile:
         name=table.text("name", longest=100),
         title=table.text("title"),
         material=Material(
-            base=material.text("base"),
+            base=_one_blank(material.text("base")),
             thickness_mm=material.number("thickness_mm", above=0.0, high=10.0),
             copper_um=material.number("copper_um", above=0.0, high=1000.0, unit="um"),
             layers=material.integer("layers", low=1, high=64),
-            finish=material.text("finish"),
+            finish=_one_blank(material.text("finish")),
         ),
         coverlay_colour=colours.text("coverlay", choices=("amber", "black", "white", "yellow", "green")),
         legend_colour=colours.text("legend", choices=("white", "black")),
@@ -244,6 +244,11 @@ def load_fab(name: str) -> FabProfile:
     )
     refuse_problems(table)
     return profile
+
+
+def _one_blank(text: str) -> str:
+    """A text with one blank between its words, as notes, drawing and forms have it."""
+    return " ".join(text.split())
 
 
 def _file_name(files: Fields, role: str) -> str:

@@ -13,6 +13,8 @@ from tactape_fab.kit.order_facts import OrderFacts
 from tactape_fab.kit.profiles import COSTS, Assumption, Ordering
 from tactape_fab.texture.cpl import PLACEMENTS
 
+LAMINATES = {"FR4": "FR-4"}
+"""What the forms of houses call a board's base."""
 # 1 oz of copper on a square foot is about 35 um thick
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
 
@@ -23,7 +25,7 @@ class _Row(str):
     __slots__ = ()
 
 
-def _one_line(value: object) -> str:
+def in_a_line(value: object) -> str:
     """A text of a profile, which is the user's, on one line."""
     return " ".join("".join(c if c.isprintable() else " " for c in str(value)).split())
 
@@ -36,6 +38,7 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
         tape=facts.tape,
         fab=facts.fab,
         material=facts.fab.material,
+        laminate=LAMINATES.get(facts.fab.material.base, facts.fab.material.base),
         part=facts.part,
         placements=PLACEMENTS[facts.fab.assembly],
         files=facts.files,
@@ -89,9 +92,9 @@ def _environment(folder: Path) -> Any:
         keep_trailing_newline=True,
         autoescape=False,
         # every value of a profile or a name comes from a user: it cannot break out of its line
-        finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
+        finalize=lambda value: value if isinstance(value, _Row) else in_a_line(value),
     )
-    environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")
+    environment.globals["row"] = lambda label, value: _Row(f"   {in_a_line(label):<34} {in_a_line(value)}")
     environment.filters["figures"] = lambda a: f"{a.value:g}" if a.least == a.value else f"{a.least:g} to {a.value:g}"
     environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
     environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"

@@ -205,9 +205,17 @@ def _pdf_problems(data: bytes, name: str, expected: Shown, order: FabOrder | Non
     if adhesive is not None:
         facts.append(f" adhesive {adhesive} mm{' under the stiffener' if stiffener else ', whole underside'} ")
     if order is not None:
-        facts += [f" copper {order.copper_um:g} ?m, one layer, {order.finish};", f" coverlay {order.coverlay_colour}; "]
-        facts += [f" base {order.base}; film {order.thickness_mm:g} thick in all "]
+        facts += [
+            f" copper {order.copper_um:g} ?m, one layer, {_in_ascii(order.finish)};",
+            f" coverlay {order.coverlay_colour}; ",
+        ]
+        facts += [f" base {_in_ascii(order.base)}; film {order.thickness_mm:g} thick in all "]
     return [f"it lacks {fact.strip()!r}" for fact in facts if fact not in words]
+
+
+def _in_ascii(text: str) -> str:
+    """A text as `_read_pdf` reads it."""
+    return "".join(c if " " <= c <= "~" else "?" for c in text)
 
 
 def _read_pdf(data: bytes) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown
-from tactape_fab.kit.render.order_notes import COPPER_OZ
+from tactape_fab.kit.render.order_notes import COPPER_OZ, LAMINATES, in_a_line
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named
@@ -30,7 +30,6 @@ _PRINT_AREA = re.compile(
 _ROW = re.compile(r"^   (\S(?:[^ \n]| (?! ))*) {2,}(\S[^\n]*)$", re.MULTILINE)
 _SPACING = ("least spacing of copper", "Min Track/Spacing", "stencil")
 """Rows with a length that the manifest does not have."""
-_BASES = {"polyimide": "flexible, polyimide|Flex|Polyimide flex", "FR4": "rigid, FR4|FR-4"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +132,7 @@ def _expected_rows(
     width, height, radius = map(_length, (*of.size_mm, tape.board.corner_radius_mm))
     copper = COPPER_OZ.get(order.copper_um, f"{order.copper_um:g} um")
     hole = _length(min((hole[2] for hole in tape.board.holes), default=0.0))
-    number, any_part = re.escape(assembly.part_number), re.escape(assembly.description)
+    number, any_part = _escaped(assembly.part_number), _escaped(assembly.description)
     choose = "none is given: choose one of the house's, |choose one in the library: |not given; any maker: "
     stiffener, adhesive = (
         f"{re.escape(backings[role])} mm" if role in backings else "none|Without|No"
@@ -144,8 +143,8 @@ def _expected_rows(
         ("size", "Dimensions", "Size (single)", "Size (panel)"): rf"{width} x {height} mm(, corner radius {radius} mm)?",
         ("layers", "Layers"): str(order.layers),
         ("copper", "Outer Copper Weight", "Finished Copper"): re.escape(copper),
-        ("surface finish", "Surface Finish"): rf"{re.escape(order.finish)}( \(immersion gold\))?",
-        ("board", "Base Material", "Material"): _BASES.get(order.base, re.escape(order.base)),
+        ("surface finish", "Surface Finish"): rf"{_escaped(order.finish)}( \(immersion gold\))?",
+        ("board", "Base Material", "Material"): _bases(order),
         ("legend", "Silkscreen"): f"(?i:{re.escape(order.legend_colour)})(, top)?",
         ("coverlay", "Coverlay", "Coverlay Color", "solder mask", "Solder Mask", "PCB Color"): (
             f"(?i:{re.escape(order.coverlay_colour)})(, cut|, photo-imageable, flexible)?"
@@ -160,6 +159,20 @@ def _expected_rows(
         ("smallest part",): any_part,
         ("part number", "JLCPCB Part #", "Mfg Part # in the BOM"): number or f"none given|(?:{choose}){any_part}",
     }
+
+
+def _escaped(text: str) -> str:
+    """Pattern of a profile's text, as the notes have it on one line."""
+    return re.escape(in_a_line(text))
+
+
+def _bases(order: FabOrder) -> str:
+    """Pattern of the words for the board's base."""
+    base, laminate = _escaped(order.base), _escaped(LAMINATES.get(order.base, order.base))
+    if not order.flexible:
+        return f"rigid, {base}|{laminate}"
+    capital = _escaped(order.base[:1].upper() + order.base[1:])
+    return f"flexible, {base}|{'Flex' if order.base == 'polyimide' else f'Flex, {base}'}|{capital} flex"
 
 
 def _length(value: float) -> str:

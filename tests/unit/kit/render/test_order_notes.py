@@ -7,13 +7,14 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 
-from tactape_fab import Kit, TapeSpec
+from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.base.errors import Finding
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.artifact import AnyArtifact, Artifact
@@ -192,6 +193,31 @@ def test_how_a_part_leans(rotation_deg: float, slash: str) -> None:
     made = examined(rotation_deg=rotation_deg, pitch_mm=2.5)
     text = notes_of(facts_of(made))
     assert f"every part leans like this: {slash}\n" in text and f"all leaning like {slash};" in text
+
+
+@pytest.mark.parametrize(
+    ("profile", "rigid", "material", "rows"),
+    [
+        ("generic-fpc", False, 'base = "PET"', ("board flexible, PET",)),
+        ("jlcpcb-fpc", False, 'base = "PET"', ("Base Material Flex, PET",)),
+        ("pcbway-fpc", False, 'base = "PET"', ("Product FPC", "Material PET flex")),
+        ("generic-fpc", True, 'base = "FR4"', ("board rigid, FR4",)),
+        ("jlcpcb-fpc", True, 'base = "FR4"', ("Base Material FR-4",)),
+        ("pcbway-fpc", True, 'base = "FR4"', ("Material FR-4",)),
+        ("generic-fr4", True, 'base = "CEM-1  äö"', ("board rigid, CEM-1 äö",)),
+        ("generic-fpc", False, 'finish = "Löt  Zinn"', ("surface finish Löt Zinn",)),
+    ],
+)
+def test_the_board_is_that_of_the_profile(
+    profile: str, rigid: bool, material: str, rows: tuple[str, ...], tmp_path: Path
+) -> None:
+    bend = 'bend = "none"\n' if rigid else ""
+    (tmp_path / "own.toml").write_text(f'extends = "{profile}"\n{bend}[material]\n{material}\n', encoding="utf-8")
+    spec = TapeSpec(sector=7, size_mm=(40.0, 30.0), fab=str(tmp_path / "own.toml"), models=False)
+    kit = make_kit(spec, tmp_path / "kit")  # verified
+    text = flat((kit.path / kit.files["order-notes"]).read_text(encoding="utf-8"))
+    assert all(f" {row} " in text for row in rows)
+    assert ("A carrier for assembly" in text) != rigid
 
 
 @EVERY
