@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import subprocess
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tactape_fab import TapeSpec, make_kit
 from tactape_fab.solids.elements import CHORD_ERROR_MM
 from tactape_fab.texture.tape import Tape
 from tests.readers.solids import ASSEMBLY_RGB, NAMES, Variant, read_with_occt, write_assembly
@@ -152,6 +154,18 @@ def test_occt_finds_the_two_products_coloured_and_exact(assembly: tuple[Tape, An
     for product, expected in ((board, "board"), (part, "part")):  # OCCT keeps colours as 32 bit floats, linear
         linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in ASSEMBLY_RGB[expected]]
         assert product["colour"] == pytest.approx(linear, abs=1e-4)
+
+
+def test_large_tapes_of_blocks_round_a_cylinder_have_their_volume(tmp_path: Path) -> None:
+    """By the file's own precision OCCT finds 1.5e-7 more or less, and 1e-6 at 150 x 80 mm."""
+    spec = TapeSpec(sector=7, part="block", size_mm=(40.0, 34.0), cylinder_mm=36.0, around="x", mark=False)
+    kit = make_kit(spec, tmp_path / "kit", verify=False)
+    code = "import sys; from tactape_fab.verify.models.occt_reader import read_shape; print(read_shape(sys.argv[1]))"
+    step = str(kit.path / kit.files["step-solid"])
+    run = subprocess.run([sys.executable, "-c", code, step], capture_output=True, encoding="utf-8", check=True)
+    found = ast.literal_eval(run.stdout.splitlines()[-1])
+    assert spec.form is not None
+    assert found["valid"] and found["volume_mm3"] == pytest.approx(volume_mm3(kit.tape, spec.form), rel=1e-8)
 
 
 def test_a_file_that_is_no_step_gives_no_solid(tmp_path: Path) -> None:

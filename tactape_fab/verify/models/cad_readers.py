@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 from math import ceil
 from pathlib import Path
@@ -195,7 +196,7 @@ def _occt(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplCon
     if find_spec("OCP") is None:
         return [_missing("OCCT", '; pip install "tactape-fab[cad]"')]
     limits = _limits(steps, own=_is_own(expected, paths))
-    code = "from tactape_fab.verify.models.occt_reader import main; main()"
+    code = f"from tactape_fab.verify.models.occt_reader import main; main(precise={bool(expected.steps)})"
     found = _answer(_run(launch.python_command(code, *names, *map(str, limits)), limits))
     failed = found if "error" in found else None
     checks = []
@@ -305,7 +306,7 @@ def _freecad(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
     except (OSError, ValueError):
         reason = run if isinstance(run, str) else (run.stderr.strip().splitlines()[-1:] or [f"exit status {run.returncode}"])[0]
         return [Check(name="step-solid by FreeCAD", passed=False, message=f"it could not be read: {reason[:200]}")]
-    checks = [_check_solid(expected, "FreeCAD", found["solid"])]
+    checks = [_check_solid(replace(expected, tolerance=expected.loose_tolerance), "FreeCAD", found["solid"])]
     if "assembly" in found and cpl is not None:
         checks.append(_check_centres(tape, found["assembly"]["centres"], cpl))
     return checks
