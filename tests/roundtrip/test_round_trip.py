@@ -349,6 +349,16 @@ def test_parts_in_place_are_told_from_others(default_kit: Kit) -> None:
     assert not stand(np.delete(xy_mm, shown[0], axis=0)) and not stand(np.concatenate([xy_mm, xy_mm[shown[:1]] + 0.3]))
 
 
+@pytest.mark.parametrize("share", [0.2, 0.25, 0.29, 0.4])
+def test_neighbours_that_lean_together_are_in_place(share: float) -> None:
+    spec = TapeSpec(sector=7, part="dome", body_mm=(0.2, 0.2, 0.05), displacement_mm=round(1.5 * share, 3), size_mm=(40.0, 30.0))
+    tape, contact = examine(spec).tape, read_contact()
+    parts, shown = parts_of(tape), parts_shown(tape, np.array([20.0, 14.0, 10.0]), contact.scene, contact.sensor)
+    assert in_place(tape, shown, parts)
+    beside = np.concatenate([parts.xy_mm, parts.xy_mm[shown[:1]] + 0.1])
+    assert not in_place(tape, shown, Parts(xy_mm=beside, rotation_deg=np.zeros(len(beside))))
+
+
 def test_what_the_edge_swallows_does_not_count_where_the_edge_shows() -> None:
     def counts(tape: Tape, x_mm: float) -> tuple[int, int]:
         pose, contact = np.array([x_mm, 15.0, 20.0]), read_contact()

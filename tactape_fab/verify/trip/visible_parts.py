@@ -28,6 +28,8 @@ ERROR_FREE = DotErrors(
     weight_sigma=0.0,
 )
 """Dots where the parts inside the contact really are."""
+_ALONE = 0.9
+"""How far round a part no other is, as a fraction of the least distance of two that lean towards each other."""
 IN_PLACE_MM = 0.01
 """Largest distance, mm, at which a part counts as in its place: hardly more than a decoder's error."""
 
@@ -51,5 +53,6 @@ def in_place(tape: Tape, shown: IntArray, parts: Parts) -> bool:
     """Whether a file's parts are at the places of the tape's visible parts, with no others among them."""
     apart = tape.part_xy_mm()[shown][:, None] - parts.xy_mm[None]
     distance = np.hypot(apart[..., 0], apart[..., 1])
-    # one part within half a pitch, so that none is missing or there twice, and that one in its place
-    return bool(((distance < tape.pitch_mm / 2).sum(axis=1) == 1).all() and (distance.min(axis=1) <= IN_PLACE_MM).all())
+    # one part that near, so that none is missing or there twice, and that one in its place
+    alone_mm = min(tape.pitch_mm / 2, _ALONE * (tape.pitch_mm - 2 * tape.displacement_mm))
+    return bool(((distance < alone_mm).sum(axis=1) == 1).all() and (distance.min(axis=1) <= IN_PLACE_MM).all())
