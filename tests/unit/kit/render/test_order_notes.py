@@ -244,6 +244,8 @@ def test_each_way_to_open_the_coverlay_is_asked_for() -> None:
     assert "The solder mask is photo-imageable, one opening of 1.2 x 0.5 mm" in said["lpi"]
     assert "one opening over the whole field of parts, drawn so on purpose" in said["gang"]
     assert len(set(said.values())) == 3
+    assert "The coverlay has one opening over" in said["gang"]
+    assert "The solder mask has one opening over" in flat(notes_of(facts_of(examined(fab="generic-fr4", coverlay="gang"))))
 
 
 def test_a_forced_tape_says_so_and_a_sound_one_does_not() -> None:
