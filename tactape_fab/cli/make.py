@@ -334,10 +334,10 @@ def _packed_lines(films: Sequence[PackedFilm]) -> list[str]:
     """Panels of each film, their yield, and the tapes on them."""
     lines = []
     for film in films:
-        rules, shares = film.fab.panel, film.shares
+        fab, shares = film.fab, film.shares
         lines.append(
             f"packed {counted(len(film.tapes), 'tape')} into {counted(len(film.panels), 'panel')} of up to "
-            f"{_size(rules.largest_mm)} mm ({film.fab.name}, rails {rules.rail_mm:g} mm), each tape in a frame of its own: "
+            f"{_size(fab.largest_panel_mm)} mm ({fab.name}, rails {fab.panel.rail_mm:g} mm), each tape in a frame of its own: "
             f"{sum(shares) / len(shares):.1%} of the area is tape"
         )
         for name, packed, share in zip(film.names, film.panels, shares, strict=True):

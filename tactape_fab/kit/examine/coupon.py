@@ -61,7 +61,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         raise SpecError(Problem("first_sector", message + f"use --first-sector 0 to {last}"))
     if misfit(TAPE_MM, fab) is not None:
         message = (
-            f"fab = '{fab.name}' takes panels of up to {_size(fab.panel.largest_mm)}, whose rails leave no room for a tape of "
+            f"fab = '{fab.name}' takes panels of up to {_size(fab.largest_panel_mm)}, whose rails leave no room for a tape of "
         )
         raise SpecError(Problem("fab", f"{message}{_size(TAPE_MM)}; order a tape without a coupon"))
     table = Fields({"name": _usual_name(fab) if name is None else name})
@@ -116,7 +116,7 @@ def _left_out(wanted: Sequence[_Wanted], count: int, fab: FabProfile) -> Iterato
     if wanted:
         tests = ", ".join(one.tests if one.value_mm is None else f"{one.tests} {one.value_mm:g} mm" for one in wanted)
         holds = f"holds {count - len(wanted)} of {count} tapes"
-        yield f"warning: {_size(fab.panel.largest_mm)}, the largest panel of {fab.name}, {holds}; not on it: {tests}"
+        yield f"warning: {_size(fab.largest_panel_mm)}, the largest panel of {fab.name}, {holds}; not on it: {tests}"
 
 
 def _size(size_mm: tuple[float, float]) -> str:

@@ -12,16 +12,14 @@ from tactape_fab.kit.spec.panel_options import MOST_ALONG
 def within(size_mm: Size, fab: FabProfile) -> bool:
     """Whether assembly and fab accept a board of this size."""
     longer, shorter = max(size_mm), min(size_mm)
-    least, most, board = fab.panel.smallest_mm, fab.panel.largest_mm, fab.size.largest_mm
-    # the panel is the fab's board and the assembly line's: the smaller of both limits holds
-    largest = (min(most[0], board[0]), min(most[1], board[1]))
+    least, largest = fab.panel.smallest_mm, fab.largest_panel_mm
     above = longer >= least[0] - TOLERANCE_MM and shorter >= least[1] - TOLERANCE_MM
     return above and longer <= largest[0] + TOLERANCE_MM and shorter <= largest[1] + TOLERANCE_MM
 
 
 def arrangements(tape_mm: Size, fab: FabProfile) -> list[tuple[int, int]]:
     """Every arrangement that fab and assembly accept: the fewest tapes first, then the smallest area, then the squarest."""
-    longest = min(fab.panel.largest_mm[0], fab.size.largest_mm[0])
+    longest = fab.largest_panel_mm[0]
     # rails and gaps not counted: an upper bound, and `within` decides
     columns, rows = (min(MOST_ALONG, int(longest // side)) for side in tape_mm)
     sizes = {

@@ -60,7 +60,7 @@ class PackedPanel:
 def sheet_room_mm(fab: FabProfile) -> tuple[float, float]:
     """Area for tapes on the largest panel of a fab, mm: without rails on all four sides and a gap along each."""
     border_mm = 2 * (fab.panel.rail_mm + fab.panel.gap_mm)
-    width_mm, height_mm = (side_mm - border_mm for side_mm in fab.panel.largest_mm)
+    width_mm, height_mm = (side_mm - border_mm for side_mm in fab.largest_panel_mm)
     return width_mm, height_mm
 
 
@@ -69,10 +69,10 @@ def misfit(size_mm: tuple[float, float], fab: FabProfile) -> Problem | None:
     room_mm = sheet_room_mm(fab)
     if max(size_mm) <= max(room_mm) and min(size_mm) <= min(room_mm):
         return None
-    panel = fab.panel
+    panel, largest_mm = fab.panel, fab.largest_panel_mm
     message = (
         f"size_mm = {size_mm[0]:g} x {size_mm[1]:g} mm does not fit into {room_mm[0]:g} x {room_mm[1]:g} mm, the room on a panel "
-        f"of {panel.largest_mm[0]:g} x {panel.largest_mm[1]:g} mm of {fab.name} within rails of {panel.rail_mm:g} mm and gaps of "
+        f"of {largest_mm[0]:g} x {largest_mm[1]:g} mm of {fab.name} within rails of {panel.rail_mm:g} mm and gaps of "
         f"{panel.gap_mm:g} mm; use a smaller tape, or leave --pack out"
     )
     return Problem("size_mm", message)

@@ -147,6 +147,12 @@ class FabProfile:
         return f"gerber/{self.file_names[role].replace('{name}', tape_name).replace('{material}', material)}"
 
     @property
+    def largest_panel_mm(self) -> tuple[float, float]:
+        """Longer and shorter side of the largest panel: it is the fab's board and the assembly line's, and both limits hold."""
+        (longer, shorter), board = self.panel.largest_mm, self.size.largest_mm
+        return min(longer, board[0]), min(shorter, board[1])
+
+    @property
     def mask_name(self) -> str:
         """Material that covers the copper: a film with cut openings, or a photoimageable mask."""
         return "solder mask" if "lpi" in self.coverlay_modes else "coverlay"

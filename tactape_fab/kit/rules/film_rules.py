@@ -312,13 +312,13 @@ def _size_remedy(size_mm: Sequence[float], level: bool, fab: FabProfile, *, smal
     panel = fab.panel
     # two rails and the slots beside them: the panel of a single tape
     around_mm = 2 * (panel.rail_mm + panel.gap_mm)
-    room_mm = [most - around_mm for most in panel.largest_mm]
+    room_mm = [most - around_mm for most in fab.largest_panel_mm]
     fits = all(side <= most + TOLERANCE_MM for side, most in zip(size_mm, room_mm, strict=True))
     if small and not large and fits:
         return "; order it in a panel"
     if not (small or large):
         return ""
-    held_mm = [min(side, most) for side, most in zip(size_mm, room_mm if small else panel.largest_mm, strict=True)]
+    held_mm = [min(side, most) for side, most in zip(size_mm, room_mm if small else fab.largest_panel_mm, strict=True)]
     held_mm = held_mm if level else held_mm[::-1]
     return f"; ask the line, or use --size {held_mm[0]:g}x{held_mm[1]:g}" + (" --panel auto" if small else "")
 

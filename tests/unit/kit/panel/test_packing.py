@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.kit.panel.packing import Packing, misfit, pack, sheet_room_mm
+from tactape_fab.kit.panel.packing import Packing, misfit, pack, pack_panels, sheet_room_mm
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.texture.frames import FloatArray
 from tests.thorough import some
@@ -113,3 +115,15 @@ def test_the_room_of_a_panel_is_without_rails_and_gaps() -> None:
     problem = misfit((50.0, 237.0), fab)
     assert problem is not None
     assert "50 x 237 mm does not fit into 236 x 236 mm" in problem.message
+
+
+def test_a_panel_is_no_larger_than_the_boards_that_the_fab_makes() -> None:
+    usual = load_fab("generic-fpc")
+    fab = replace(usual, size=replace(usual.size, largest_mm=(200.0, 150.0)))
+    assert sheet_room_mm(fab) == (186.0, 136.0)
+    assert misfit((186.0, 136.0), fab) is None
+    problem = misfit((187.0, 50.0), fab)
+    assert problem is not None
+    assert "186 x 136 mm, the room on a panel of 200 x 150 mm" in problem.message
+    _, panels = pack_panels([((90.0, 60.0), 1.0)] * 5, fab)
+    assert [max(packed.panel.size_mm) <= 200.0 and min(packed.panel.size_mm) <= 150.0 for packed in panels] == [True, True]
