@@ -152,7 +152,8 @@ def joined(drawings: Sequence[Drawing], places: Sequence[tuple[Offset, bool]]) -
         legend=Legend(
             areas_mm=tuple(move(area) for drawing, move in pairs for area in drawing.legend.areas_mm),
             strokes_mm=tuple(move(stroke) for drawing, move in pairs for stroke in drawing.legend.strokes_mm),
-            line_mm=first.legend.line_mm,
+            # one fab has one width of line, and a tape without a strip none
+            line_mm=max(drawing.legend.line_mm for drawing in drawings),
         ),
         windows_mm=shapes("windows_mm"),
         backed_mm=shapes("backed_mm"),
