@@ -102,9 +102,13 @@ def part_data_of_tape(data: bytes, on: OnPanel) -> bytes:
 
 def _turned_back(name: bytes, value: bytes, on: OnPanel) -> bytes:
     """The tape's own rotation for a panel's."""
-    if name != b"Rot" or not on.turned or not re.fullmatch(rb"\d{1,3}(\.\d{1,6})?", value):
+    if name != b"Rot" or not on.turned:
         return value
-    return b"%g" % ((float(value) - on.place.rotation_deg) % 360.0)
+    own_deg = on.tape.part.rotation_deg
+    # six digits are written, and the turn may push the last one out: what the panel ought to say is compared as it is written
+    if value == b"%g" % ((own_deg + on.place.rotation_deg) % 360.0):
+        return b"%g" % own_deg
+    return b"%g" % ((float(value) - on.place.rotation_deg) % 360.0) if re.fullmatch(rb"\d{1,3}(\.\d{1,6})?", value) else value
 
 
 def rows_of_tape(cpl: CplContent, on: OnPanel) -> CplContent:
