@@ -31,7 +31,9 @@ def noise_of(sensor: SensorProfile) -> tuple[float, float, float]:
     blob2_px2 = blob_px**2 + smooth_px**2
     blobs_um = sensor.correlated_um * blob_px / sqrt(blob2_px2)
     slope_um_mm = scale * hypot(white_um / (sqrt(2.0) * smooth_px), blobs_um / sqrt(2.0 * blob2_px2))
-    return hypot(white_um, blobs_um), sqrt(2.0 * blob2_px2) / scale, slope_um_mm
+    noise_um = hypot(white_um, blobs_um)
+    # of both together, as of either alone; without any noise no length matters
+    return noise_um, noise_um / slope_um_mm if slope_um_mm > 0.0 else sqrt(2.0) * SMOOTHING_MM, slope_um_mm
 
 
 @lru_cache(maxsize=1)
