@@ -183,9 +183,11 @@ def _merit(code: Plane, sector: int, origin: Origin, placed: BoolArray, least: i
     """Score of an origin as a tuple, larger is better; None if 4x4 windows are nearer than `least`."""
     windows = _windows(code, sector, origin, placed, _SIDE)
     # most origins are no better than the best so far: pairs nearer than that show it, and take a shorter search than the nearest
-    # ones
-    if least and any(len(p.first) for p in near_pairs(windows.words, plan_search(_SIDE, windows.count, least - 1))):
-        return None
+    # ones. Of few windows a search compares all pairs, and gives those further apart, too
+    if least:
+        search = plan_search(_SIDE, windows.count, least - 1)
+        if any((pairs.distance < least).any() for pairs in near_pairs(windows.words, search)):
+            return None
     nearest = closest_windows(windows, least or 0)
     # a 5x5 window holds a 4x4 one, and differs in at least as much
     further = closest_windows(_windows(code, sector, origin, placed, _NEXT_SIDE), nearest.distance or 0)

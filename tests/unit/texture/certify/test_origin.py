@@ -25,8 +25,8 @@ GRID = (20, 14)
 WHOLE = np.ones((14, 20), dtype=bool)
 
 
-def merit(sector: int, origin: tuple[int, int]) -> tuple[int, int, int]:
-    tape = tape_at(sector, GRID, origin=origin)
+def merit(sector: int, origin: tuple[int, int], grid: tuple[int, int] = GRID) -> tuple[int, int, int]:
+    tape = tape_at(sector, grid, origin=origin)
     near, further = closest(tape, 4), closest(tape, 5)
     assert near.distance is not None and further.distance is not None
     return near.distance, further.distance, -near.pairs
@@ -42,6 +42,16 @@ def test_best_origin_is_the_best_of_those_looked_at(sector: int) -> None:
     assert merit(sector, choice.origin) == best
     assert choice.origin == next(o for o in looked_at if merit(sector, o) == best)
     assert choice.distance == best[0] >= choice.default_distance == merit(sector, looked_at[0])[0]  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("grid", [(5, 6), (9, 10), (13, 12)])
+def test_best_origin_of_few_windows_is_the_best_of_those_looked_at(grid: tuple[int, int]) -> None:
+    """Of few windows every pair is compared, whatever distance is asked for."""
+    choice = choose_origin(CODE, 11, np.ones(grid[::-1], dtype=bool))
+    looked_at = choose._origins(CODE, 11, grid[::-1], choose.MOST_CANDIDATES)
+    best = max(merit(11, origin, grid) for origin in looked_at)
+    assert choice.origin == next(o for o in looked_at if merit(11, o, grid) == best)
+    assert (choice.distance, best > merit(11, looked_at[0], grid)) == (best[0], True)
 
 
 def test_search_is_the_same_every_time_and_looks_where_no_other_sector_lies() -> None:
