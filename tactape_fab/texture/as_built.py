@@ -392,7 +392,7 @@ def _array_problems(built: AsBuilt) -> list[Problem]:
         for key, a in arrays
         if a.shape != (n,)
     ]
-    if built.number.ndim != 1 or (n and (built.number[0] < 1 or (np.diff(built.number) <= 0).any())):
+    if built.number.ndim != 1 or (n and (built.number[0] < 1 or (built.number[1:] <= built.number[:-1]).any())):
         problems.append(Problem("as-built", "number is not ascending from 1 or more; sort the parts, each once"))
     for key, (low, high) in RANGES.items():
         values = getattr(built, key)

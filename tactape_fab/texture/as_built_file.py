@@ -47,7 +47,8 @@ def file_of(path: Path) -> Path:
 
 def rounded(values: FloatArray, digits: int) -> list[float]:
     """A column as the file has it."""
-    return [v + 0.0 for v in np.round(values, digits).tolist()]  # + 0.0: no -0.0
+    # as doubles: a float32 has more digits as a double than it was rounded to
+    return [v + 0.0 for v in np.round(values.astype(np.float64), digits).tolist()]  # + 0.0: no -0.0
 
 
 def as_text(content: Mapping[str, Any]) -> str:

@@ -52,6 +52,13 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert read.missing == 1
 
 
+def test_single_precision_is_written_with_as_few_digits() -> None:
+    measured = places().dx_mm.astype(np.float32)
+    content = places(dx_mm=measured).to_mapping()
+    assert all(value == round(value, 6) for value in content["parts"]["dx_mm"])
+    assert AsBuilt.from_mapping(content).to_mapping() == content
+
+
 def test_same_places_give_same_bytes_and_nothing_else_is_left(tmp_path: Path) -> None:
     first = places().write(tmp_path / "a.json").read_bytes()
     assert places().write(tmp_path / "a.json").read_bytes() == first
@@ -354,6 +361,10 @@ def test_shapes_and_numbers_of_a_program_are_checked() -> None:
     for number in (np.array([0, 1, 2, 3, 4]), np.array([1, 3, 2, 4, 5]), np.ones((5, 1), dtype=np.int64)):
         with pytest.raises(SpecError, match="not ascending from 1"):
             places(number=number)
+    for kind in (np.uint8, np.uint16, np.uint64):
+        with pytest.raises(SpecError, match="not ascending from 1"):
+            places(number=np.array([1, 3, 2, 4, 5], dtype=kind))
+        assert len(places(number=np.array([1, 2, 3, 4, 5], dtype=kind)).parts(np.zeros((5, 2))).sigma_mm) == 5
     with pytest.raises(SpecError, match=r"dy_mm has shape \(4,\), not \(5,\)"):
         places(dy_mm=np.zeros(4))
 
