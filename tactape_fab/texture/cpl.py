@@ -197,7 +197,7 @@ def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
         ("y", LONGEST_MM / table.unit_mm, table.unit),
         ("rotation", _MOST_DEG, "deg"),
     ):
-        numbers.append(_numbers(cells[content]))
+        numbers.append(_numbers(cells[content], unit))
         name = next(name for name, of in table.columns if of == content)
         wrong += [
             (lines[i], f"{name} = {shown(cells[content][i])} is not a number from {-most:g} to {most:g} {unit}")
@@ -298,8 +298,8 @@ def _table_of(style: Style, header: Sequence[str]) -> PlacementTable:
     return table
 
 
-def _numbers(cells: Sequence[str]) -> FloatArray:
-    """Cells as numbers, with or without 'mm' after them; NaN for a cell that is not a number.
+def _numbers(cells: Sequence[str], unit: str) -> FloatArray:
+    """Cells as numbers, with or without the column's unit after them; NaN for a cell that is not a number, or of another unit.
 
     Python reads '_' and the digits of every alphabet, too: '1_0' would be 10 here and 1 elsewhere.
     """
@@ -309,7 +309,7 @@ def _numbers(cells: Sequence[str]) -> FloatArray:
             return np.array(list(map(float, cells)))
         except ValueError:
             pass
-    return np.array([_number(cell) for cell in cells], dtype=np.float64)
+    return np.array([_number(cell, unit) for cell in cells], dtype=np.float64)
 
 
 def written_with(text: str, letters: str) -> bool:
@@ -317,8 +317,8 @@ def written_with(text: str, letters: str) -> bool:
     return text.isascii() and not text.encode("ascii").translate(None, letters.encode("ascii"))
 
 
-def _number(cell: str) -> float:
+def _number(cell: str, unit: str) -> float:
     try:
-        return float(text) if written_with(text := cell.strip().removesuffix("mm"), _OF_NUMBERS) else np.nan
+        return float(text) if written_with(text := cell.strip().removesuffix(unit), _OF_NUMBERS) else np.nan
     except ValueError:
         return np.nan

@@ -42,6 +42,16 @@ def test_columns_may_stand_in_any_order_with_others_between() -> None:
         read_exactly(data)
 
 
+def test_a_cell_with_its_unit_is_read_in_no_other() -> None:
+    rows = (b"R1\t500mil\t500\t45\t1\t1\t9\t9\tv\tf\t1\tn\n", b"R2\t12.7mm\t500\t45mm\t1\t1\t9\t9\tv\tf\t1\tn\n")
+    content, problems = read(TABBED + b"".join(rows))
+    assert content.xy_mm[0] == pytest.approx((12.7, 12.7))
+    assert [message.split(" is ")[0] for message in problems] == [
+        "cpl line 3: Rotation = '45mm'",
+        "cpl line 3: X-Loc = '12.7mm'",
+    ]
+
+
 def test_every_problem_is_said_with_its_line_and_the_file_s_own_word() -> None:
     rows = (b"R1\t1\t2\t45\t1\t1\t9\t9\tv\tf\t1\tn\n", b"R2\t1\n", b"R3\tx\tinf\t361\t2\t1\t9\t9\tv\tf\t1\tn\n")
     content, problems = read(TABBED + b"".join(rows))
