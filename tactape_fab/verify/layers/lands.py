@@ -181,16 +181,34 @@ def check_lands(
     if shapeless or len(centre) == 0 or len(cpl.xy_mm) == 0:
         return checks
     row, distance = nearest(centre, rows)
-    checks.append(_place_check(name, "pair", centre, distance, cpl, row))
+    names = [cpl.designators[i] for i in row]
+    checks.append(_place_check(name, "pair", centre, distance, cpl, row, _moved_lands(pairs, land, rotation, distance, names)))
     checks.append(_rotation_check(name, content, land, axis, cpl.rotation_deg[row], cpl, row))
     checks.append(_area_check(name, content, land.area_mm2 * expected))
     checks.append(_shape_check(name, content.aperture_outlines_mm, placed_outline(land.size_mm, land.corner_radius_mm, rotation)))
     if any(content.flash_component):
-        checks.append(_names_check(name, content, pairs, [cpl.designators[i] for i in row]))
+        checks.append(_names_check(name, content, pairs, names))
     return checks
 
 
-def _place_check(name: str, what: str, centre: FloatArray, distance: FloatArray, cpl: CplContent, row: IntArray) -> Check:
+def _moved_lands(pairs: LandPairs, land: LandPattern, rotation_deg: float, distance: FloatArray, names: list[str]) -> list[str]:
+    """Problem of pairs within `distance` of their places whose lands moved to either side by as much."""
+    moved_mm = np.hypot(*(pairs.axis_mm / 2 - rotate((land.offset_mm, 0.0), rotation_deg)).T)
+    # those of a pair that is off itself are not told again
+    moved_mm[distance > PLACE_TOLERANCE_MM] = 0.0
+    worst, count = int(np.argmax(moved_mm)), int((moved_mm > PLACE_TOLERANCE_MM).sum())
+    return [f"lands of {count} parts are off, worst by {moved_mm[worst] * 1000:.1f} um at {names[worst]}"] if count else []
+
+
+def _place_check(
+    name: str,
+    what: str,
+    centre: FloatArray,
+    distance: FloatArray,
+    cpl: CplContent,
+    row: IntArray,
+    also: Sequence[str] = (),
+) -> Check:
     worst = int(np.argmax(distance))
     taken, times = np.unique(row, return_counts=True)
     far = np.flatnonzero(distance > PLACE_TOLERANCE_MM)
@@ -205,6 +223,7 @@ def _place_check(name: str, what: str, centre: FloatArray, distance: FloatArray,
     if len(taken) < len(cpl.xy_mm):
         missing = np.setdiff1d(np.arange(len(cpl.xy_mm)), taken)
         problems.append(f"no {what} stands at {named([cpl.designators[i] for i in missing])}")
+    problems += also
     figure = float(distance.max() * 1000)
     message = "; ".join(problems) or f"centre of every {what} within {figure:.3f} um of its CPL row"
     return Check(name=f"{name} places", passed=not problems, message=message, figure=figure, unit="um")

@@ -74,6 +74,19 @@ def lands_of(content: GerberContent, *, places: FloatArray = PLACES, lines: bool
 LINES = {f"copper {what}" for what in ("pairs", "places", "rotation", "area", "shape", "names")}
 
 
+@pytest.mark.parametrize("along", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)])
+@pytest.mark.parametrize(("by_mm", "passed"), [(0.0009, True), (0.0011, False), (0.04, False)])
+def test_lands_that_move_to_either_side_of_their_place_are_off(along: tuple[float, float], by_mm: float, passed: bool) -> None:
+    content = copper()
+    moved = content.flash_xy_mm.copy()
+    away = by_mm * rotate(along, TAPE.part.rotation_deg)
+    moved[8:10] += np.stack([-away, away])
+    found = lands_of(replace(content, flash_xy_mm=moved))["copper places"]
+    assert found.passed is passed
+    if not passed:
+        assert found.message == f"lands of 1 parts are off, worst by {by_mm * 1000:.1f} um at R5"
+
+
 def test_a_right_layer_passes_every_line_with_its_figure() -> None:
     found = lands_of(copper())
     assert set(found) == LINES and all(check.passed for check in found.values())
