@@ -14,6 +14,7 @@ from math import pi
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 from scipy.sparse import bmat, csr_matrix
 from scipy.spatial.transform import Rotation
@@ -131,6 +132,9 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
             "poses of these frames, x, y, z in mm, the quaternion as qw,qx,qy,qz with qw first, of the flange in the base"
         )
         raise SpecError(Problem("hand_eye", message))
+    # the unknowns are places in the outer frame and rotation vectors, whose changes are no turns about any frame's axes
+    own = block_diag(_own_motion(z[-12:-6]), _own_motion(z[-6:]))
+    covariance = own @ covariance @ own.T
     return HandEye(
         sensor_to_flange=matrix_of(z[-12:-6]),
         tape_to_base=matrix_of(z[-6:]),
@@ -202,6 +206,16 @@ def matrix_of(values: FloatArray) -> FloatArray:
     """Homogeneous matrix of a translation (mm) and a rotation vector (rad)."""
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = Rotation.from_rotvec(values[3:]).as_matrix(), values[:3]
+    return out
+
+
+def _own_motion(values: FloatArray) -> FloatArray:
+    """Small motion of `matrix_of` in its own frame, shift (mm) and turn (rad), with each of its values; shape (6, 6)."""
+    back, step, out = np.linalg.inv(matrix_of(values)), 1e-6, np.empty((6, 6))
+    for k, d in enumerate(step * np.eye(6)):
+        # T^-1 dT: the skew matrix of the turn, and the shift
+        rate = back @ (matrix_of(values + d) - matrix_of(values - d)) / (2 * step)
+        out[:3, k], out[3:, k] = rate[:3, 3], (rate[2, 1], rate[0, 2], rate[1, 0])
     return out
 
 

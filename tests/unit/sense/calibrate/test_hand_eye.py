@@ -77,6 +77,18 @@ def test_the_mapping_says_its_format_and_is_whole() -> None:
     assert found.to_mapping()["hand_eye"]["tape"] == TAPE.name
 
 
+def test_how_flange_and_base_are_named_does_not_change_the_covariance() -> None:
+    poses = arm_poses(presses().poses, 0.05)
+    flange = matrix_of(np.array([10.0, 20.0, 30.0, *Rotation.from_euler("xyz", [90, 20, 100], degrees=True).as_rotvec()]))
+    base = matrix_of(np.array([-100.0, 50.0, 30.0, *Rotation.from_euler("xyz", [170, 20, -40], degrees=True).as_rotvec()]))
+    other = [ArmPose(frame=p.frame, flange_to_base=base @ p.flange_to_base @ np.linalg.inv(flange)) for p in poses]
+    found, again = solved_again(poses), solved_again(other)
+    assert again.sensor_to_flange == pytest.approx(flange @ found.sensor_to_flange, abs=1e-3)
+    # in the sensor's own frame and the tape's own: both are where they were
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert (again.covariance - found.covariance) / np.outer(sigma, sigma) == pytest.approx(0.0, abs=0.01)
+
+
 def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
     found = solved_again(arm_poses(presses().poses, 0.0))
     assert any("how far the sensor reaches out" in remark for remark in found.remarks)
