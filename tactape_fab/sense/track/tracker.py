@@ -246,7 +246,9 @@ def _contact(
     # a frame or two without a sign may be a bad frame
     if state.silent + 1 < motion.patience:
         return replace(state, silent=state.silent + 1, lost=True), ("lost",) if state.began is not None and not state.lost else ()
-    return replace(state, contact=False, lost=False, silent=0, velocity=np.zeros(3), anchor=(), began=None), ("end",)
+    # nothing of a contact goes on in the next: neither its velocity nor a slide that it ended in
+    ended = replace(state, contact=False, lost=False, silent=0, still=0, slipping=False)
+    return replace(ended, velocity=np.zeros(3), anchor=(), began=None), ("end",)
 
 
 def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:

@@ -121,6 +121,12 @@ def test_a_touch_down_is_a_new_contact_without_the_old_velocity(localizer: Local
     assert tracks[8].velocity_mm_s == pytest.approx((0.0, 0.0), abs=0.3)
 
 
+def test_a_contact_that_ended_in_a_slide_hides_no_slip_of_the_next(localizer: Localizer) -> None:
+    sliding, next_one = [at(30 + 0.5 * k, 20) for k in range(4)], [at(60, 30), at(60.5, 30)]
+    tracks = follow(Tracker(localizer), [*sliding, *[NOTHING] * 4, *next_one])
+    assert kinds(tracks)[-3:] == [(6, "end"), (8, "begin"), (9, "slip")]
+
+
 def test_times_run_forward_and_a_refused_frame_changes_nothing(localizer: Localizer) -> None:
     tracker = Tracker(localizer)
     tracker.update_dots(at(30, 20), timestamp=5.0)
