@@ -152,9 +152,10 @@ def ellipse_mm(covariance: FloatArray) -> FloatArray:
 
 
 def _draw_grid(picture: Picture, tape: Tape, view: View) -> None:
-    for ends in grid_lines_mm(tape, view):
-        (x0, y0), (x1, y1) = view.to_px(ends)
-        _stroke(picture, (x0, y0), (x1, y1), _GRID, 1)
+    for start, end in grid_lines_mm(tape, view):
+        # from grid point to grid point, as a lens bends lines
+        steps = np.linspace(0.0, 1.0, max(round(float(np.abs(end - start).max()) / tape.pitch_mm), 1) + 1)
+        _line(picture, view.to_px(start + steps[:, None] * (end - start)), _GRID, 1, closed=False)
 
 
 def _draw_symbols(picture: Picture, tape: Tape, view: View, dots: FloatArray, radius: float) -> None:
@@ -265,10 +266,14 @@ def _arrow(picture: Picture, a: Point, b: Point, colour: Colour) -> None:
 
 
 def _outline(picture: Picture, corners: FloatArray, colour: Colour, width: int) -> None:
+    _line(picture, corners, colour, width, closed=True)
+
+
+def _line(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool) -> None:
     cv2 = library("cv2", "drawing a picture")
 
-    points = np.rint(corners * 2**_SUBPIXEL).astype(np.int32)
-    cv2.polylines(picture, [points], True, colour, width, cv2.LINE_AA, _SUBPIXEL)
+    fixed = np.rint(points * 2**_SUBPIXEL).astype(np.int32)
+    cv2.polylines(picture, [fixed], closed, colour, width, cv2.LINE_AA, _SUBPIXEL)
 
 
 def _circle(picture: Picture, at: Point, radius: float, colour: Colour) -> None:

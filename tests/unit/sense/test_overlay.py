@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import Localizer
-from tactape_fab.sense import load_sensor, simulate
+from tactape_fab.sense import load_sensor, overlay, simulate
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.overlay import View, draw_overlay, placed_mm
 from tests.contacts import TAPE, tape_of
@@ -52,3 +52,14 @@ def test_what_a_mask_hides_is_drawn_as_no_dots() -> None:
     assert fix.located
     drawn, clean = (draw_overlay(frame, sensor, [TAPE], fix, 0) for frame in (marked, np.where(shown, depth, np.nan)))
     assert np.array_equal(drawn, clean)
+
+
+def test_grid_lines_go_through_all_grid_points_that_a_lens_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), geometry=Geometry(k1=0.05))
+    depth = simulate(TAPE, (40.0, 22.0), 20.0, sensor=sensor)
+    fix, lines = Localizer([TAPE], sensor).locate(depth), list[np.ndarray]()
+    monkeypatch.setattr(overlay, "_line", lambda picture, points, *args, **options: lines.append(points))
+    draw_overlay(depth, sensor, [TAPE], fix, 0)
+    view = View(sensor, fix, 3)
+    middle = view.to_px(TAPE.pitch_mm * np.array([27.0, 15.0]))
+    assert sum(bool((np.abs(line - middle).max(axis=1) < 1e-6).any()) for line in lines) == 2
