@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.objects.tag_view import camera_arrays, camera_to_texture, tag_of, tag_side_mm
+from tactape_fab.sense.objects.tag_view import camera_arrays, camera_to_texture, rays_of, tag_of, tag_side_mm
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tag import CODE_CELLS, SIDE_CELLS, tag_cells
 from tactape_fab.texture.tape import Tape
@@ -180,9 +180,8 @@ def _pixels(
     shown = image[top : v1 + margin, left : u1 + margin].astype(np.float32)
     if smoothed_px > 0.0:
         shown = np.asarray(cv2.GaussianBlur(shown, (0, 0), smoothed_px), dtype=np.float32)
-    flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), matrix, lens)
     return _Seen(
-        rays=np.concatenate([np.reshape(flat, (-1, 2)), np.ones((len(u), 1))], axis=1),
+        rays=rays_of(pixels, matrix, lens),
         levels=shown[v + v0 - top, u + u0 - left].astype(np.float64),
         px_per_cell=px_per_cell,
         smoothed_px=smoothed_px,

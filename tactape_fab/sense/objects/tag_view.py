@@ -22,6 +22,8 @@ from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 TAG_CELLS = 8
 """Cells along the side of tag36h11 between the corners that detectors give: 6 of data and the black border."""
+_STEPS, _LOT = 8, 10_000
+"""Newton's steps for the ray of a pixel, and how many pixels are taken at a time: OpenCV has some thirty numbers for each."""
 
 
 def tag_of(tape: Tape) -> Tag:
@@ -121,6 +123,33 @@ def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.A
     return np.asarray(tag_to_texture(tape) @ back, dtype=np.float64)
 
 
+def rays_of(pixels: FloatArray, matrix: FloatArray, lens: FloatArray | None) -> FloatArray:
+    """Rays that pixels see, in the camera's frame, with z = 1; (n, 2) to (n, 3).
+
+    OpenCV ends after five rounds, at the sides of a wide lens (k1 = -0.35) up to a pixel off: Newton's steps finish it.
+    """
+    cv2 = library("cv2", "projecting points")
+
+    rays = np.ones((len(pixels), 3))
+    rays[:, :2] = np.reshape(cv2.undistortPoints(pixels.reshape(-1, 1, 2), matrix, lens), (-1, 2))
+    for first in range(0, len(pixels) if lens is not None else 0, _LOT):
+        lot, wanted = rays[first : first + _LOT], pixels[first : first + _LOT]
+        tried, least = lot.copy(), np.full(len(lot), np.inf)
+        for _ in range(_STEPS):
+            seen, rates = cv2.projectPoints(tried, np.zeros(3), np.zeros(3), matrix, lens)
+            off = wanted - np.reshape(seen, (-1, 2))
+            far = np.hypot(off[:, 0], off[:, 1])
+            # where the lens folds nothing sees the pixel, and steps lead away
+            nearer = far < least
+            lot[nearer], least[nearer] = tried[nearer], far[nearer]
+            # derivatives by a shift of the camera along x and y are those by the point
+            (a, b), (c, d) = np.asarray(rates)[:, 3:5].reshape(-1, 2, 2).transpose(1, 2, 0)
+            with np.errstate(all="ignore"):
+                tried[:, 0] += (d * off[:, 0] - b * off[:, 1]) / (a * d - b * c)
+                tried[:, 1] += (a * off[:, 1] - c * off[:, 0]) / (a * d - b * c)
+    return rays
+
+
 def _pairs(given: npt.ArrayLike, key: str, remedy: str) -> FloatArray:
     """Points (n, 2), or a single one. Raises SpecError for anything else."""
     if np.size(given) == 0:
@@ -162,15 +191,12 @@ def pixels_to_texture(
     SpecError
         When the tape has no tag, or the pose or the camera's matrix is invalid.
     """
-    cv2 = library("cv2", "projecting points")
-
     refuse_no_tape(tape)
-    points = _pairs(pixels, "pixels", "(u, v) of each, px").reshape(-1, 1, 2)
+    points = _pairs(pixels, "pixels", "(u, v) of each, px")
     camera = camera_arrays(camera_matrix, distortion)
     if len(points) == 0:
         return np.empty((0, 2))
-    flat = cv2.undistortPoints(points, *camera)
-    rays = np.concatenate([np.reshape(flat, (-1, 2)), np.ones((len(points), 1))], axis=1)
+    rays = rays_of(points, *camera)
     transform = camera_to_texture(tape, rotation, translation_mm)
     ahead = rays @ transform[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):

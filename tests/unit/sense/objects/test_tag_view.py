@@ -53,6 +53,14 @@ def test_pixels_and_texture_are_inverse(tape: Tape, distortion: list[float] | No
         assert pixels[1] == pytest.approx([1000 * x / z + 640, 1100 * y / z + 480])
 
 
+@pytest.mark.parametrize("distortion", [[-0.35, 0.12, 5e-4, 2e-4, -0.02], [-0.4, 0.2, 0.0, 0.0], [0.3, -0.1, 0.0, 0.0, 0.05]])
+def test_pixels_at_the_sides_of_a_wide_lens_are_where_they_see(tape: Tape, distortion: list[float]) -> None:
+    u, v = np.meshgrid(np.linspace(0.0, 1279.0, 9), np.linspace(0.0, 959.0, 7))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    seen = pixels_to_texture(tape, pixels, *POSE, CAMERA, distortion)
+    assert texture_to_pixels(tape, seen, *POSE, CAMERA, distortion) == pytest.approx(pixels, abs=1e-6)
+
+
 def test_rays_that_miss_the_film_hit_nothing(tape: Tape) -> None:
     edge_on = np.asarray(cv2.Rodrigues(np.array([np.pi / 2 - 0.05, 0.0, 0.0]))[0])
     hit = pixels_to_texture(tape, [(640.0, -3000.0), (640.0, 480.0)], edge_on, (0.0, 20.0, 300.0), CAMERA)
