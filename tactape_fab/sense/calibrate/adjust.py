@@ -119,7 +119,8 @@ def expected(press: Press, seen: camera.Seen, push_mm: float, pose: FloatArray) 
     # expected
     at = from_s @ turn + push_mm * press.pushed - pull * press.pulled - press.rim_mm
     px, by_point, by_camera = seen.to_px(at)
-    scale = seen.scale[0]
+    # pixels may be oblong
+    scale = np.array(seen.scale)
     own = np.empty((len(at), 2, OF_PRESS))
     own[:, :, :2] = -turn.T
     own[:, :, 2], own[:, :, 3] = from_s @ turned, -press.pulled
@@ -127,7 +128,7 @@ def expected(press: Press, seen: camera.Seen, push_mm: float, pose: FloatArray) 
     shared = np.concatenate([by_camera, by_point @ press.pushed[:, :, None]], axis=2)
     # px over the scale: mm, but for the small distortion. That the divisor is an unknown, too, is not in the derivative: it would
     # add the residual, some 0.01 mm, to arms of mm
-    return (press.seen_px - px) / scale, -shared / scale, -(by_point @ own) / scale
+    return (press.seen_px - px) / scale, -shared / scale[:, None], -(by_point @ own) / scale[:, None]
 
 
 def solve(problem: Problem, at: FloatArray | None = None) -> Bundle:

@@ -170,11 +170,13 @@ def corner_sigma_um(bundle: Bundle) -> float:
         at_px = at_px[inside] if inside.any() else at_px
     # from the image's middle: a shift of all points together is the pose's
     at_mm: FloatArray = sensor.camera.from_px(at_px) - sensor.camera.from_px(sensor.centre_px)
-    _, _, by = camera.seen_by(sensor, bundle.values).to_px(at_mm)
+    seen = camera.seen_by(sensor, bundle.values)
+    # of pixels, to mm on the gel along each axis
+    by = seen.to_px(at_mm)[2] / np.array(seen.scale)[:, None]
     # what a turn of the image does is the pose's, not the camera's
     variance = np.einsum("nij,jk,nik->n", by, bundle.covariance, by)
-    # both axes' variances are added above; along one of them, and px to um
-    return float(1000.0 * np.sqrt(variance.max() / 2.0) / np.exp(bundle.values[0]))
+    # both axes' variances are added above; along one of them
+    return float(1000.0 * np.sqrt(variance.max() / 2.0))
 
 
 def share_of_perfect(bundle: Bundle) -> float:

@@ -206,9 +206,11 @@ def _on_gel(rows: _Rows, sensor: SensorProfile, common: FloatArray) -> tuple[Flo
     rates[0] = -q
     rates[1, :, 0], rates[1, :, 1] = -0.5 * q[:, 0], 0.5 * q[:, 1]
     rates[2, :, 0] = -q[:, 1]
-    # r_corner on the gel, mm^2, by the px/mm along u
-    corner2 = (camera.corner_px / u) ** 2
-    rates[3] = -from_centre * (from_centre**2).sum(axis=1, keepdims=True) / corner2 + centre * (centre**2).sum() / corner2
+    # squared distances from the lens' centre in corner radii; pixels may be oblong
+    square, of_centre = (
+        ((at * sensor.px_per_mm / camera.corner_px) ** 2).sum(axis=-1, keepdims=True) for at in (from_centre, centre)
+    )
+    rates[3] = -from_centre * square + centre * of_centre
     rates[4], rates[5] = -rows.pushed, rows.pulled
     return q - push * rows.pushed + pull * rows.pulled, rates
 
