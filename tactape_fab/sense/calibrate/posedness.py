@@ -265,9 +265,9 @@ def remarks_of(
 
 def _spread(turns: FloatArray) -> float:
     """Largest difference of directions, rad, where a half turn is none."""
-    # mean axis; then differences within a quarter turn to either side
+    # mean axis; then differences within a quarter turn to either side, which need not be alike
     middle = np.angle(np.exp(2j * turns).mean()) / 2.0
-    return float(2.0 * np.abs((turns - middle + pi / 2) % pi - pi / 2).max())
+    return float(np.ptp((turns - middle + pi / 2) % pi - pi / 2))
 
 
 def _listed(names: Sequence[str]) -> str:
