@@ -127,7 +127,8 @@ def _row(frames: Iterable[int], answers: Mapping[int, Answer], truth: Sequence[T
     errors = np.array([error for _, error in right]).reshape(-1, 3)
     # normalised squared error: chi-squared of three degrees of freedom, whose mean is 3, where the covariance is true
     squares = [error @ np.linalg.solve(a.covariance, error) / 3 for a, error in right if a.covariance is not None]
-    stated = [answer.p_false for answer, _ in located if answer.p_false is not None]
+    # a bound on a probability may be above 1, a frame is wrong once
+    stated = [min(answer.p_false, 1.0) for answer, _ in located if answer.p_false is not None]
     times = [answers[k].elapsed_ms for k in frames if k in answers and answers[k].elapsed_ms is not None]
     um, deg = 1000.0 * np.hypot(errors[:, 0], errors[:, 1]), np.degrees(np.abs(errors[:, 2]))
     return Row(

@@ -238,6 +238,7 @@ def test_p_false_is_compared_with_what_is_wrong(truth: list[Truth]) -> None:
     assert classes == {0.0: (0, 0), 1e-4: (0, 0), 0.01: (7, 0), 0.1: (0, 0), 0.5: (1, 1)}
     assert [stated for *_, stated, _ in calibration(answers, truth)] == pytest.approx([0.0, 0.0, 0.35, 0.0, 0.7])
     assert score(answers, truth)["all"].stated == pytest.approx(0.35)
+    assert score(_exact(truth, p_false=3.0), truth)["all"].stated == len(exact)
 
 
 # Files of answers
