@@ -6,6 +6,7 @@ import hashlib
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Drawing:
     size_mm, corner_radius_mm, outline_mm: The outline, and the same with rounded corners as polylines, shape (k, 2).
     holes (x, y, diameter)
     parts: Those of each tape, with designators R1 ... Rn that run on through them.
-    outlines: Of a part of the first tape.
+    outlines: Of a part of the first tape, as it lies.
     windows_mm: One coverlay opening in place of those of each part, for tapes in mode gang.
     backed_mm: Areas that stiffener and adhesive are laminated to.
     slots_mm each (k, 2): Slots cut round the tapes of a panel; empty for a single tape.
@@ -148,6 +149,7 @@ def joined(drawings: Sequence[Drawing], places: Sequence[tuple[Offset, bool]]) -
         first,
         # not snapped to 1 nm: a drill file has four decimals of a millimetre anyway
         holes=tuple((*_pair(move(np.array(hole[:2]), snap=False)), hole[2]) for drawing, move in pairs for hole in drawing.holes),
+        outlines=moves[0].outlines(first.outlines),
         parts=tuple(move.parts(parts) for drawing, move in pairs for parts in drawing.parts),
         legend=Legend(
             areas_mm=tuple(move(area) for drawing, move in pairs for area in drawing.legend.areas_mm),
@@ -181,6 +183,11 @@ class _Move:
     def __call__(self, xy_mm: FloatArray, *, snap: bool = True) -> FloatArray:
         moved: FloatArray = self.turn(xy_mm) + self.offset_mm
         return snap_mm(moved) if snap else moved
+
+    def outlines(self, of: PartOutlines) -> PartOutlines:
+        # they are about the part's centre, and the opening's size is that of the unturned part
+        turned: dict[str, Any] = {k: self.turn(getattr(of, k)) for k in PartOutlines.__slots__ if k != "opening_size_mm"}
+        return replace(of, **turned)
 
     def parts(self, parts: Parts) -> Parts:
         def flashes(of: Flashes) -> Flashes:

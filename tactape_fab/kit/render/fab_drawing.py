@@ -213,9 +213,15 @@ def _one_part(sheet: Sheet, drawing: Drawing) -> None:
     words = [
         f"Body {' x '.join(f'{side:g}' for side in drawing.part.body_mm)}; {openings};",
         f"lands {pads.size_mm[0]:g} x {pads.size_mm[1]:g}, centres at ±{pads.offset_mm:g} from the part's.",
-        f"All parts turned {rotation_deg:g}° counter-clockwise.",
+        _turned(sorted({parts.rotation_deg for parts in drawing.parts})),
     ]
     sheet.lines_of_text((104.0, 22.0), words, size_mm=_SMALL_MM, width_mm=86.0)
+
+
+def _turned(rotations_deg: Sequence[float]) -> str:
+    """How the parts are turned: on a packed panel those of tapes that lie turned stand otherwise."""
+    all_parts = "All parts" if len(rotations_deg) == 1 else "Parts, tape by tape,"
+    return f"{all_parts} turned {' or '.join(f'{rotation_deg:g}°' for rotation_deg in rotations_deg)} counter-clockwise."
 
 
 def _angle(sheet: Sheet, centre: FloatArray, radius_mm: float, angle_rad: float) -> None:
@@ -316,20 +322,26 @@ def _holes(drawing: Drawing, most: int = 8) -> list[tuple[str, str, str]]:
 
 def _notes(facts: OrderFacts) -> list[str]:
     clockwise = "clockwise" if PLACEMENTS[facts.fab.assembly].clockwise else "counter-clockwise"
-    leans = (
-        "" if facts.part.body_mm[0] == facts.part.body_mm[1] else f" Seen from above, every part leans like this: {facts.slash}"
-    )
+    leans = f" Seen from above, every part leans like this: {facts.slash}"
+    leans += f" or, on turned tapes, {facts.turned_slash}" if facts.turned else ""
+    if facts.part.body_mm[0] == facts.part.body_mm[1]:
+        leans = ""
     merged = "Openings of the coverlay are not merged. Ask before a bridge between two of them is changed."
-    coverlay = merged if facts.fab.coverlay_mode == "per-part" else "The coverlay has one opening for all parts, on purpose."
+    # a photo-imageable mask is opened for each part, too
+    coverlay = "The coverlay has one opening for all parts, on purpose." if facts.coverlays == ["gang"] else merged
     if len(facts.coverlays) > 1:
         coverlay = f"The coverlay differs from tape to tape, on purpose. {merged}"
+    alone = "Pads stand alone on purpose."
+    if facts.anchors != "none":
+        some = "some" if facts.panel is not None and facts.panel.mixed else "the"
+        alone = f"Copper runs on from {some} pads under the coverlay to hold them: it is no track."
     number = "only within the short dashes, better none" if facts.number_mm else "none on the tape"
     if facts.panel is not None:
         number = "only in the rails, better none"
     return [
         "1. The Gerber and drill files rule; this drawing explains them.",
         f"2. Rotations in the placement file are {clockwise}, 0 is along x.{leans}",
-        "3. The parts carry no signal: no nets, no electrical test. Pads stand alone on purpose. Either land may be land 1.",
+        f"3. The parts carry no signal: no nets, no electrical test. {alone} Either land may be land 1.",
         f"4. Order numbers and date codes: {number}. In the field no logo, fiducial, hole, coupon or copper.",
         f"5. {coverlay}",
         "6. Outline and holes: the fab's own tolerances. Parts: as near to their place as the line can. "

@@ -17,6 +17,7 @@ from tactape_fab import TapeSpec
 from tactape_fab.kit.examine.order import ExaminedPanel, examine_order
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.order_facts import order_facts, panel_order_facts
+from tactape_fab.kit.panel.packing import pack_panels
 from tactape_fab.kit.render.fab_drawing import A4_MM, PREVIEW_POINTS, render_fab_drawing
 from tactape_fab.kit.render.pdf_sheet import Sheet, View, written
 from tactape_fab.kit.writer import render_all
@@ -98,6 +99,45 @@ def test_a_panel_numbers_its_tapes() -> None:
     (artifact,) = render_fab_drawing(facts, panel.drawing)
     assert {"1", "2", "3", "4"} <= set(words(artifact.data).splitlines())
     assert "2 x 2 tapes" in words(artifact.data)
+
+
+def packed(*sizes_mm: tuple[float, float]) -> tuple[ExaminedPanel, str]:
+    """A packed panel of tapes of these sizes, and the words of its drawing on one line."""
+    tapes = [examined(sector=number, size_mm=size_mm) for number, size_mm in enumerate(sizes_mm)]
+    _, (found,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
+    panel = ExaminedPanel(name="panel", tapes=tuple(tapes[i] for i in found.tapes), panel=found.panel, remarks=())
+    film = panel.tapes[0].film
+    assert film is not None
+    artifacts, layouts = render_all(panel.drawing, film.fab), [tape.layout for tape in panel.tapes]
+    facts = panel_order_facts("panel", found.panel, layouts, film.fab, panel.findings, artifacts)
+    (artifact,) = render_fab_drawing(facts, panel.drawing)
+    return panel, " ".join(words(artifact.data).split())
+
+
+def test_parts_of_tapes_that_lie_turned_are_said_to_stand_otherwise() -> None:
+    panel, text = packed((200.0, 30.0), (30.0, 200.0), (30.0, 40.0))
+    assert {place.turned for place in panel.panel.places} == {False, True}
+    assert "Parts, tape by tape, turned 45° or 135° counter-clockwise." in text
+    assert "every part leans like this: / or, on turned tapes, \\" in text
+
+
+def test_one_part_is_drawn_as_it_lies_where_all_tapes_are_turned() -> None:
+    panel, text = packed((30.0, 40.0), (40.0, 60.0))
+    assert all(place.turned for place in panel.panel.places)
+    assert "All parts turned 135° counter-clockwise." in text
+    outlines, parts = panel.drawing.outlines, panel.drawing.parts[0]
+    np.testing.assert_allclose(outlines.pad_xy, (parts.pads.xy_mm.reshape(-1, 2, 2) - parts.xy_mm[:, None])[0], atol=2e-6)
+    assert parts.openings is not None
+    for shape, as_placed in ((outlines.body, parts.bodies), (outlines.opening, parts.openings), (outlines.paste, parts.paste)):
+        np.testing.assert_allclose(shape, as_placed.outline_mm, atol=2e-6)
+
+
+def test_notes_of_mask_and_copper_are_the_tape_s() -> None:
+    mask = words(drawn(fab="generic-lpi", pitch_mm=2.0))
+    assert "one opening for all parts" not in mask and "not merged" in mask
+    held = words(drawn(anchor="spur", pitch_mm=2.2))
+    assert "Copper runs on from the pads" in held and "stand alone" not in held
+    assert "Pads stand alone" in words(drawn())
 
 
 def test_all_fonts_are_embedded() -> None:
