@@ -68,6 +68,7 @@ CHANGES = {
     "outline open": (lambda t: re.sub(r'\n  \(gr_arc [^\n]*"Edge.Cuts"[^\n]*', "", t, count=1), "7 sides"),
     "hole larger": (replaced("(drill 1)", "(drill 1.1)"), "holes are not the manifest's 1"),
     "origin moved": (replaced("(aux_axis_origin 20 40)", "(aux_axis_origin 21 40)"), "off the grid: R1 by 1000.0 um"),
+    "body begins elsewhere": (replaced("(fp_rect (start -0.3 -0.15)", "(fp_rect (start -0.2 -0.15)", 1), "another body"),
     "pad of another part": (pad_moved_to_another_part, "pad 1 is there 0 times (R10)"),
     "pad twice": (lambda t: re.sub(r'(\n    \(pad "2"[^\n]*)', r"\1\1", t, count=1), "it has 5 lands, not 4 (R1)"),
     "pad off the axis": (replaced("(at 0.32 0 45)", "(at 0.32 0.1 45)", 1), "pad 2 is not the land pattern's (R1)"),

@@ -27,6 +27,9 @@ EDGE_TOLERANCE_MM = 0.0005
 _ARC_MISFIT_MM, _MOST_ARC_POINTS = 1e-6, 2048
 _CORNERS = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
 OUTLINE_LINE_MM = 0.1
+_BODY_LINE_MM = 0.1
+_COMPONENT_FUNCTIONS, _COMPONENT_MM = ("ComponentMain", "ComponentPin", "ComponentPin"), (0.3, 0.36, 0.0)
+"""Function and diameter of what a part's centre, pin 1 and pin 2 are flashed with: fixed by Gerber 2024.05, section 6.2."""
 PART_DATA = re.compile(rb"%TO\.C([A-Z][A-Za-z]*),([^*]*)\*%")
 
 
@@ -181,16 +184,26 @@ def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: R
         problems.append("its pins are not 1 and 2 of each part, in order")
     elif np.hypot(*(content.flash_xy_mm[pin] - expected).T).max() > PLACE_TOLERANCE_MM:
         problems.append("a pin does not stand on its pad")
+    sizes_mm = [float(np.ptp(outline[:, 0])) for outline in content.aperture_outlines_mm]
+    if (
+        content.flash_aperture.tolist() != [0, 1, 2] * tape.part_count
+        or content.aperture_functions != _COMPONENT_FUNCTIONS
+        or not np.allclose(sizes_mm, _COMPONENT_MM, rtol=0.0, atol=PLACE_TOLERANCE_MM)
+    ):
+        problems.append("a centre or pin is flashed with another aperture")
     bodies = rotate(np.array(tape.part.body_mm[:2]) / 2 * _CORNERS, tape.part.rotation_deg)
     outlines = [stroke for stroke in content.strokes_mm if len(stroke) == len(_CORNERS) + 1]
     if len(outlines) != len(content.strokes_mm) or len(outlines) != tape.part_count:
         problems.append("it does not draw one body for each part")
     else:
-        corners = np.array(outlines)[:, :-1] - tape.part_xy_mm()[:, None]
-        # each drawn corner from the nearest of the four expected: an outline may begin in any of them
-        far = np.abs(corners[:, :, None] - bodies).max(axis=-1).min(axis=-1)
+        corners = np.array(outlines) - tape.part_xy_mm()[:, None]
+        # an outline may begin in any of the four corners; from there on they follow each other back to the first
+        begun = np.stack([np.concatenate([rolled, rolled[:1]]) for rolled in (np.roll(bodies, -k, axis=0) for k in range(4))])
+        far = np.abs(corners[:, None] - begun).max(axis=(-2, -1)).min(axis=-1)
         if far.max(initial=0.0) > PLACE_TOLERANCE_MM:
             problems.append("the body of a part has another size or place")
+        if np.abs(content.stroke_width_mm - _BODY_LINE_MM).max(initial=0.0) > PLACE_TOLERANCE_MM:
+            problems.append("the body of a part is drawn with another aperture")
     message = named(problems) or f"rotation, value, footprint, height, pins and body of {tape.part_count} parts as the manifest's"
     return Check(name="components-top data", passed=not problems, message=message)
 

@@ -167,8 +167,9 @@ def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) 
         return "another name"
     if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.value]:
         return "another value"
-    bodies = [values(item, "end") for item in inner if item[0] == "fp_rect" and layer_of(item) == "F.Fab"]
-    right = len(bodies) == 1 and np.allclose(bodies[0], np.array(made.body_mm) / 2, rtol=0.0, atol=PLACE_TOLERANCE_MM)
+    bodies = [(values(i, "start"), values(i, "end")) for i in inner if i[0] == "fp_rect" and layer_of(i) == "F.Fab"]
+    half = np.array(made.body_mm) / 2
+    right = len(bodies) == 1 and np.allclose(bodies[0], (-half, half), rtol=0.0, atol=PLACE_TOLERANCE_MM)
     return None if right else "another body"
 
 
