@@ -14,6 +14,7 @@ from tactape_fab.advise.answer import LOCATED, codes_for, seen_of
 from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, SHARES, Design, film_pitch_mm, rules_of
 from tactape_fab.advise.model import LOSS, least_contact_mm
 from tactape_fab.advise.question import Question
+from tactape_fab.base.errors import SpecError
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.tape import profiles_of
 from tactape_fab.kit.order_facts import estimate
@@ -82,7 +83,10 @@ def _point(question: Question, at: tuple[tuple[str, tuple[float, float, float]],
     if not legal:
         return empty
     spec = legal[0].spec(question.size_mm)
-    count = profiles_of(spec).plan(spec).part_count
+    try:
+        count = profiles_of(spec).plan(spec).part_count
+    except SpecError:  # as for lines: the size has room for tapes of other pitches
+        return empty
     least: dict[str, float | None] = {}
     seen = [seen_of(design, question, count) for design in legal]
     for code in codes_for(legal[0], question, seen[0]):

@@ -42,6 +42,14 @@ def test_points_are_those_of_single_designs_whoever_works() -> None:
 
 
 @pytest.mark.usefixtures("three_pitches")
+def test_pitches_that_a_small_tape_has_no_room_for_are_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(advise_map, "FILM_PARTS", ("r0201",))
+    narrow, usual, wide = map_of(read_question({"contact_mm": 8, "size_mm": (14.0, 12.0)}))
+    assert usual.parts == 24 and usual.least_mm["microdots-4x4"] is not None
+    assert narrow.least_mm == wide.least_mm == {} and wide.parts == 0 and wide.each is None
+
+
+@pytest.mark.usefixtures("three_pitches")
 def test_the_picture_is_svg_and_json_has_its_points(tmp_path: Path) -> None:
     file = tmp_path / "map.svg"
     asked = f"advise --contact 6 --process sla --workers 1 --json --map {shlex.quote(str(file))}"
