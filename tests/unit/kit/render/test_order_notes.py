@@ -285,6 +285,21 @@ def test_tapes_of_one_sector_that_differ_otherwise_are_different_designs(other: 
     assert f"Different Design {designs} " in flat(artifact.data.decode("utf-8"))
 
 
+@pytest.mark.parametrize(("rotation_deg", "words"), [(45.0, "45 135 / \\"), (315.0, "315 45 \\ /"), (270.0, "270 0 | -")])
+def test_parts_of_turned_tapes_are_turned_as_the_list_has_them(rotation_deg: float, words: str) -> None:
+    sizes_mm = ((200.0, 30.0), (30.0, 200.0))
+    tapes = [examined(sector=k, size_mm=size_mm, rotation_deg=rotation_deg) for k, size_mm in enumerate(sizes_mm)]
+    _, (packed,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
+    assert {place.turned for place in packed.panel.places} == {False, True}
+    layouts = [tapes[i].layout for i in packed.tapes]
+    facts = panel_order_facts("panel", packed.panel, layouts, tapes[0].fab, tapes[0].findings, files_of(tapes[0]))
+    (artifact,) = render_order_notes(facts)
+    first, second, lean, lean_turned = words.split()
+    said = flat(artifact.data.decode("utf-8"))
+    assert f"all on top, turned {first} deg counter-clockwise, on tapes that lie turned {second} deg: seen" in said
+    assert f"every part leans like this: {lean} or, on turned tapes, {lean_turned}" in said
+
+
 def test_more_parts_than_a_line_takes_are_said() -> None:
     few, many = examined(size_mm=(20.0, 20.0), pitch_mm=2.0), examined()
     assert few.tape.part_count <= 300 < many.tape.part_count
