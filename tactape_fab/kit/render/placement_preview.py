@@ -38,8 +38,11 @@ def render_placement_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) 
     away = np.hypot(*(cpl.xy_mm - cpl.xy_mm[0]).T)
     pitch_mm = float(away[away > 0.0].min(initial=np.inf)) if len(away) > 1 else 2.0
     side_mm = SHOWN_PITCHES * min(pitch_mm, 20.0)
-    # the first part is the upper left one: the view reaches three quarters of a pitch beyond it to the left and above
-    low = cpl.xy_mm[0] + np.array([-0.75 * pitch_mm, 0.75 * pitch_mm - side_mm])
+    # the first part is the upper left one, of a tape that lies turned the lower left one: the view reaches three quarters of a
+    # pitch beyond it to the left, and above or below
+    around = cpl.xy_mm - cpl.xy_mm[0]
+    rises = around[(np.abs(around) < side_mm).all(axis=1), 1].sum() > 0.0
+    low = cpl.xy_mm[0] + np.array([-0.75 * pitch_mm, -0.75 * pitch_mm if rises else 0.75 * pitch_mm - side_mm])
     high = low + side_mm
     # a part whose centre is a little outside may reach into view
     shown = np.flatnonzero(((cpl.xy_mm > low - _BESIDE_MM) & (cpl.xy_mm < high + _BESIDE_MM)).all(axis=1))

@@ -11,6 +11,7 @@ import pytest
 from tactape_fab import TapeSpec
 from tactape_fab.kit.artifact import AnyArtifact, Artifact
 from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.film.drawing import joined
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.kit.render.placement_preview import render_placement_preview
 from tactape_fab.kit.writer import render_all
@@ -48,6 +49,16 @@ def test_the_first_parts_are_named_with_their_rotation(house: str) -> None:
     said = words(drawn(artifacts(assembly=house)))
     assert said[0] == "R1" and "R2" in said and said[-1] == "45°"
     assert 9 <= len(said) <= 40
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_three_or_four_parts_each_way_are_shown_of_a_turned_tape_too(turned: bool) -> None:
+    made = examine(TapeSpec(sector=7, size_mm=(30.0, 20.0), models=False))
+    drawing = joined([made.drawing], [((20.0, 0.0), turned)])
+    parts = [text for text in words(drawn(render_all(drawing, made.fab))) if text.startswith("R")]
+    columns = {(int(name[1:]) - 1) % made.tape.columns for name in parts}
+    rows = {(int(name[1:]) - 1) // made.tape.columns for name in parts}
+    assert min(len(columns), len(rows)) >= 3 and {0, 1, 2} <= columns and {0, 1, 2} <= rows
 
 
 def test_a_turned_list_shows(monkeypatch: pytest.MonkeyPatch) -> None:
