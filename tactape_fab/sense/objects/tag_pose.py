@@ -29,6 +29,8 @@ _MOST_STEPS = 20
 _SMOOTHING_CELLS = 0.12
 """First smoothing of a large tag's image (standard deviation): unsmoothed edges have no gradient until they nearly meet."""
 _LEAST_PIXELS, _MOST_PIXELS = 60, 1_000_000
+_MOST_COLUMNS = 30_000
+"""OpenCV's remap counts columns in 16 bits."""
 _ENOUGH = 0.02
 """Iteration ends when the pose moves by less than this fraction of a milliradian and of 1e-4 of the distance."""
 _LEAST_FIT = 0.5
@@ -218,7 +220,9 @@ def _residual(
     # a pixel at distance d of a straight edge is covered by d + 0.5, from 0 to 1
     light = np.clip((_printed(tag_id) + np.float32(values[7])) * _PX_PER_CELL + 0.5, 0.0, 1.0)
     blurred = cv2.GaussianBlur(light, (0, 0), float(np.exp(values[6])) * _PX_PER_CELL)
-    shape = np.ravel(cv2.remap(blurred, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)).astype(np.float64)
+    lots = np.array_split(at, len(at) // _MOST_COLUMNS + 1)
+    seen_there = [np.ravel(cv2.remap(blurred, lot[None, :, 0], lot[None, :, 1], cv2.INTER_LINEAR)) for lot in lots]
+    shape = np.concatenate(seen_there).astype(np.float64)
     design = np.column_stack([shape, np.ones(len(shape))])
     # brightness and contrast are linear: for each pose the best ones are put in at once (variable projection)
     return seen.levels - design @ np.linalg.lstsq(design, seen.levels, rcond=None)[0], shape

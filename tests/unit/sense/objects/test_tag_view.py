@@ -11,6 +11,7 @@ import pytest
 from tactape_fab import Kit, pixels_to_texture, refine_tag_pose, tag_side_mm, tag_to_texture, texture_to_pixels
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.sense.objects.tag_view import tag_corners_mm
+from tactape_fab.texture.tag import tag_cells
 from tactape_fab.texture.tape import Tape
 from tests.bench import camera
 from tests.thorough import only_thorough
@@ -108,6 +109,20 @@ def test_a_mirrored_tilt_is_put_right() -> None:
     found = refine_tag_pose(of.tape, picture, mirrored, there, camera.CAMERA)
     assert found.fit > 0.99 and 0.3 < found.blur_px < 1.0
     assert found.rotation == pytest.approx(turn, abs=2e-3) and found.translation_mm == pytest.approx(shift, abs=0.2)
+
+
+def test_a_tag_of_more_pixels_than_16_bits_count_is_refined() -> None:
+    of = camera.printed(2.0).tape
+    assert of.tag is not None
+    cell_px, matrix = 21, np.array([[1000.0, 0.0, 144.5], [0.0, 1000.0, 134.5], [0.0, 0.0, 1.0]])
+    picture = np.zeros((280, 300), dtype=np.uint8)
+    # the middle of the tag lies on the camera's axis
+    picture[30:240, 40:250] = np.kron(255 * tag_cells(of.tag.id).astype(np.uint8), np.ones((cell_px, cell_px), dtype=np.uint8))
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.7)
+    away = 1000.0 * of.tag.cell_mm / cell_px
+    found = refine_tag_pose(of, picture, np.eye(3), (0.1, -0.1, away), matrix)
+    assert (9 * cell_px) ** 2 > 2**15 and found.fit > 0.99
+    assert found.translation_mm == pytest.approx((0.0, 0.0, away), abs=0.1)
 
 
 def test_pictures_without_the_tag_are_refused() -> None:
