@@ -18,6 +18,8 @@ LARGE = 1e9
 """Depths and places beyond this are scaled or refused."""
 _SMALL = 1e-30
 """Depths below this all lose digits in single precision, whose least value with all of them is 1.2e-38."""
+_LEAST_SPAN = 1e-5
+"""Depths that span a smaller share of their own size are moved: of steps in single precision, 6e-8 of that, the span has 170."""
 
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
@@ -56,7 +58,8 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
         )
     (low, high), as_came = _span(image), True
     # a NaN fails any comparison, so a frame with holes goes through `_fitted` as well, which looks at the rest
-    if image.dtype != frame.dtype and not _SMALL <= max(abs(low), abs(high)) < np.inf:
+    largest = max(abs(low), abs(high))
+    if image.dtype != frame.dtype and not (_SMALL <= largest < np.inf and high - low >= _LEAST_SPAN * largest):
         unscaled, image = image, _fitted(frame, image)
         as_came = image is unscaled
         low, high = _span(image)
@@ -117,10 +120,17 @@ def _unmasked(values: npt.ArrayLike) -> npt.ArrayLike:
 
 
 def _fitted(frame: npt.NDArray[Any], image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """A frame in single precision, scaled where that cannot hold most of it; `image` is the frame unscaled.
+    """A frame in single precision, moved or scaled where that cannot hold most of it; `image` is the frame as it came.
 
     A few values that are too large stay holes: they say nothing of the frame's scale.
     """
+    known = frame[np.isfinite(frame)]
+    least, most = (known.min().item(), known.max().item()) if len(known) else (0, 0)
+    if 0 < most - least < _LEAST_SPAN * max(abs(least), abs(most)):
+        # in the frame's own type, before single precision rounds heights away beside a large background
+        frame = frame - known.min()
+        with np.errstate(over="ignore", invalid="ignore"):
+            image = frame.astype(np.float32)
     low, high = float(np.fmin.reduce(image, axis=None)), float(np.fmax.reduce(image, axis=None))  # of what is no NaN
     if _SMALL <= max(abs(low), abs(high)) < np.inf:
         return image

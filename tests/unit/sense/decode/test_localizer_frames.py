@@ -119,6 +119,22 @@ def test_depths_that_have_to_be_scaled_say_nothing_of_the_contact(localizer: Loc
     assert (fix.contact, fix.tilt_deg, fix.indentation_mm, fix.force_n) == (None, None, None, None)
 
 
+@pytest.mark.parametrize("background", [1e7, 1e10])
+@pytest.mark.parametrize("holes", [False, True])
+def test_a_large_background_hides_no_texture(
+    localizer: Localizer, depth: npt.NDArray[np.float32], background: float, holes: bool
+) -> None:
+    """Of types with more digits than single precision."""
+    frame = depth.astype(np.float64) + background
+    whole = np.rint(1000.0 * depth).astype(np.int64) + int(background)
+    if holes:
+        frame[:20, :30], frame[200:, 300:] = np.nan, np.inf
+    for given in (frame, whole):
+        fix = localizer.locate(given)
+        assert is_near(fix, *POSE, mm=0.02, deg=0.3)
+        assert fix.indentation_mm is None
+
+
 @pytest.mark.parametrize("factor", [1e10, 1e-12])
 def test_depths_that_have_to_be_scaled_do_not_move_the_pose_by_a_tilt(factor: float) -> None:
     """The slope of such a frame is not one in mm per mm."""
