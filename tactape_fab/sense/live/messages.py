@@ -143,7 +143,7 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
 
     It is the canonical image: seen from above the tape, larger where the texture pushes further into the gel. Values are metres,
     as REP 118 asks of 32FC1 (16UC1, whole millimetres, would keep nothing of a texture); where the profile says no unit they are
-    those of the frame. Holes are NaN.
+    those of the frame. Holes, which are values that are NaN, infinite or masked, are NaN.
 
     Parameters
     ----------
@@ -165,10 +165,13 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
         If an argument is of another type.
     """
     refuse_other(sensor, SensorProfile, "sensor", "SensorProfile", "load_sensor(NAME)")
+    given = np.ma.filled(depth.astype(np.float64), np.nan) if isinstance(depth, np.ma.MaskedArray) else depth
     with np.errstate(over="ignore", invalid="ignore"):
-        values = as_numbers(depth, (None, None), "depth", "a depth map (h, w)", finite=False)
+        values = as_numbers(given, (None, None), "depth", "a depth map (h, w)", finite=False)
         # a profile without a unit leaves values as they are: 1000 mm in a unit, times mm to m, is 1
         metres = values.astype(np.float32) * np.float32((sensor.depth_unit_mm or 1000.0) * _MM_TO_M)
+    # REP 118: an infinite value is an object too near or too far to be seen, which no hole of a gel is
+    metres[~np.isfinite(metres)] = np.nan
     image = np.ascontiguousarray(sensor.canonical(metres), dtype="<f4")
     height, width = image.shape
     return {

@@ -117,6 +117,16 @@ def test_a_depth_image_is_metres_seen_from_above() -> None:
     np.testing.assert_array_equal(np.frombuffer(plain["data"], dtype="<f4"), frame.T.ravel().astype("<f4"))
 
 
+def test_every_hole_of_a_depth_image_is_nan() -> None:
+    """As the decoder has holes: infinite, masked, and too large for single precision."""
+    sensor = SensorProfile(name="s", title="", width_px=4, height_px=1, px_per_mm=(16.0, 16.0), sign=-1)
+    frame = np.ma.masked_array([[np.inf, -np.inf, 1e300, 3.0]], [[False, False, False, True]])
+    assert np.isnan(np.frombuffer(image_message(frame, sensor, 0)["data"], dtype="<f4")).all()
+    whole = np.ma.masked_array([[1, 2, 3, 65535]], [[False, False, False, True]], dtype=np.uint16)
+    seen = np.frombuffer(image_message(whole, sensor, 0)["data"], dtype="<f4")
+    np.testing.assert_array_equal(seen, np.array([-1.0, -2.0, -3.0, np.nan], dtype="<f4"))
+
+
 def test_the_text_is_the_answer_that_decode_prints() -> None:
     answer = fix(px_per_mm=float("nan"))
     assert json.loads(text_message(3, answer)["data"]) == json.loads(json.dumps(fix_json(3, answer)))
