@@ -143,5 +143,8 @@ def _header(mark: bytes, source: _Bytes) -> ArrayHeader:
         raise EOFError("the stream ends in a header")
     try:
         return read_array_header(io.BytesIO(before + length + text))
-    except SpecError as error:
+    except (SpecError, ValueError) as error:
+        # its writer may have been stopped in the header, and another one's array begin in these bytes
+        behind = before[len(mark) :] + length + text
+        source.give_back(behind[behind.find(MAGIC[:1]) :] if MAGIC[:1] in behind else b"")
         raise ValueError(str(error)) from error

@@ -169,6 +169,14 @@ def test_a_stream_that_ends_anywhere_ends(cut: int) -> None:
     assert len(troubles) == (cut > 0)
 
 
+@pytest.mark.parametrize("cut", [3, 7, 9, 11, 40, 125, 127])
+def test_a_header_that_is_cut_off_does_not_take_the_next_array_along(cut: int) -> None:
+    """Within the magic, version, length, text, and where the next magic begins in the text's last bytes."""
+    frames, troubles = read(stream_source(Dribble(npy(ramp(0))[:cut] + npy(ramp(1)) + npy(ramp(2)))))
+    assert [float(f.image[0, 0]) for f in frames] == [1.0, 2.0]
+    assert {t.kind for t in troubles} == {"stream damaged"}
+
+
 def test_a_stream_does_not_believe_in_a_giant() -> None:
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (1_000_000, 1_000_000)})
