@@ -51,9 +51,8 @@ def find_blobs(picture: Picture, px_per_mm: float, width_mm: float) -> Blobs:
         ],
         axis=1,
     )
-    scale = np.array([picture.shape[1] / mask.shape[1], picture.shape[0] / mask.shape[0]])
-    # pixel centres of the smaller picture as those of the scan
-    return Blobs(px=(px + 0.5) * scale - 0.5)
+    # pixel centres of the smaller picture as those of the scan; its size is rounded, its scale is not
+    return Blobs(px=(px + 0.5) / shrink - 0.5)
 
 
 def film_difference(picture: Picture, px_per_mm: float, coarse_px_per_mm: float) -> tuple[Samples, float]:
