@@ -121,3 +121,8 @@ def camera(px_per_mm: tuple[float, float], size_px: tuple[int, int], geometry: G
     centre = middle if geometry.center_px is None else np.array(geometry.center_px)
     inverse = np.linalg.inv(matrix)
     return Camera(centre_px=centre, matrix=matrix, inverse=inverse, k1=geometry.k1, corner_px=float(np.hypot(*middle)))
+
+
+def is_rotation(matrix: FloatArray, tolerance: float = 1e-6) -> bool:
+    """Whether a matrix (3, 3) is that of a rotation, no reflection, no scale."""
+    return bool(np.allclose(matrix @ matrix.T, np.eye(3), atol=tolerance) and np.linalg.det(matrix) > 0.0)

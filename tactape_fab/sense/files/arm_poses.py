@@ -19,6 +19,7 @@ from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.input_file import read_regular
+from tactape_fab.sense.geometry import is_rotation
 from tactape_fab.texture.frames import FloatArray
 
 COLUMNS = ("frame", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
@@ -72,9 +73,7 @@ class ArmPose:
 
 def _is_pose(matrix: FloatArray) -> bool:
     """Whether a matrix (4, 4) is a rotation with a place."""
-    turn = matrix[:3, :3]
-    whole = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0.0
-    return bool(whole and np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)))
+    return is_rotation(matrix[:3, :3], 1e-3) and bool(np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)))
 
 
 def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> list[ArmPose]:

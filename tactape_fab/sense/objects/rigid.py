@@ -8,11 +8,6 @@ import numpy.typing as npt
 from tactape_fab.texture.frames import FloatArray
 
 
-def is_rotation(matrix: FloatArray, tolerance: float = 1e-6) -> bool:
-    """Whether a matrix (3, 3) is that of a rotation, no reflection, no scale."""
-    return bool(np.allclose(matrix @ matrix.T, np.eye(3), atol=tolerance) and np.linalg.det(matrix) > 0.0)
-
-
 def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
     """Rotation matrix of roll, pitch and yaw: turns about the fixed axes x, then y, then z, as in URDF; shape (3, 3)."""
     out = np.eye(3)

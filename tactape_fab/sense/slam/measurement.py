@@ -14,7 +14,8 @@ from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.result import OnObject, state_of, surface_of
 from tactape_fab.sense.decode.space import Surface, image_pose
-from tactape_fab.sense.objects.rigid import is_rotation, to_quaternion
+from tactape_fab.sense.geometry import is_rotation
+from tactape_fab.sense.objects.rigid import to_quaternion
 from tactape_fab.texture.frames import FloatArray
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from tactape_fab.sense import calibrate_sensor
 from tactape_fab.sense.calibrate.presses import Press, located
 from tactape_fab.sense.calibrate.refined import refined
+from tactape_fab.sense.calibrate.relief import find_relief
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 from tests.thorough import only_thorough
@@ -56,3 +58,13 @@ def test_a_calibration_rests_on_the_pixels() -> None:
     found = calibrate_sensor(presses().frames, [TAPE], STOCK)
     assert all(press.fine for press in found.presses)
     assert next(q.value for q in found.quantities if q.name == "dot") < 4.5
+
+
+def test_of_one_press_nothing_is_known_of_how_relief_differs() -> None:
+    made = presses()
+    found, _ = located(made.frames[:3], [TAPE], TRUE)
+    bundles = [SimpleNamespace(sensor=TRUE, poses=made.poses[:count]) for count in (1, 3)]
+    one, more = (find_relief(made.frames, found[: len(b.poses)], b, [TAPE]) for b in bundles)  # type: ignore[arg-type]
+    assert one is not None and more is not None
+    assert one.sigma_blur_mm is None and one.sigma_amplitude is None
+    assert more.sigma_blur_mm is not None and more.sigma_amplitude is not None and more.sigma_amplitude > 0.0
