@@ -91,11 +91,11 @@ def mesh_problems(mesh: Mesh) -> list[str]:
     count = len(mesh.vertices_mm)
     # closed and of one orientation: every directed edge once, and its opposite once
     edge, back = np.sort(a * count + b), np.sort(b * count + a)
-    _, uses = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_counts=True)
-    if (uses > 2).any():
-        problems.append(f"{int((uses > 2).sum())} edges between more than two triangles")
-    elif (edge[1:] == edge[:-1]).any():
-        problems.append(f"{int((edge[1:] == edge[:-1]).sum())} edges whose two triangles face opposite ways")
+    if (edge[1:] == edge[:-1]).any():
+        _, uses = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_counts=True)
+        shared = int((uses > 2).sum())
+        opposite = f"{int((edge[1:] == edge[:-1]).sum())} edges whose two triangles face opposite ways"
+        problems.append(f"{shared} edges between more than two triangles" if shared else opposite)
     elif not np.array_equal(edge, back):
         problems.append(f"{len(np.setdiff1d(edge, back))} edges without a second triangle: it is not watertight")
     near = _near_vertices(mesh)
