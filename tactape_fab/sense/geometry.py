@@ -12,6 +12,8 @@ from tactape_fab.texture.frames import FloatArray
 _NEWTON_STEPS = 4
 """Newton's steps for the radius: below 1e-9 px for k1 from -0.12 to 0.2 at the corner, from -0.05 to 0.05 within 1.5 times its
 radius. Of a barrel below -4 / 27 = -0.148 nothing is seen at the corner: its image ends at 2 / 3 sqrt(-1 / (3 k1)) radii."""
+MOST_BARREL = 0.12
+"""Largest -k1 rho^2, rho the radius of a pixel in corner radii: up to there `_NEWTON_STEPS` are enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.image_file import PNG_HEADER, png_size, unpacked
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
-from tactape_fab.sense.geometry import Camera, Gel, Geometry, camera
+from tactape_fab.sense.geometry import MOST_BARREL, Camera, Gel, Geometry, camera
 from tactape_fab.texture.frames import FloatArray
 
 MOST_PX = 4096
@@ -188,8 +189,29 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
         geometry=_read_geometry(table, (width_px, height_px)),
         gel=_read_gel(table),
     )
+    _examine_lens(profile, table)
     refuse_problems(table)
     return profile
+
+
+def _examine_lens(profile: SensorProfile, table: Fields) -> None:
+    """Report a barrel distortion that shows nothing at a pixel of the image, or too near to it for the way back."""
+    k1 = profile.geometry.k1
+    if table.problems or k1 >= 0.0:
+        return
+    h, w = profile.height_px, profile.width_px
+    corners = np.array([0, 0, h - 1, h - 1]), np.array([0, w - 1, 0, w - 1])
+    rows, columns = corners if profile.mask is None else profile.mask.nonzero()
+    lens = profile.camera
+    apart = (np.stack([columns, rows], axis=1) - lens.centre_px) / lens.corner_px
+    farthest = float((apart**2).sum(axis=1).max(initial=0.0))
+    if -k1 * farthest > MOST_BARREL:
+        table.problem(
+            "geometry.k1",
+            f"geometry.k1 = {k1:g} is below {-MOST_BARREL / farthest:.3f}: this model of such a lens shows nothing at the "
+            f"image's farthest pixel, {sqrt(farthest):.2f} half diagonals from the distortion's centre; give a weaker one, "
+            f"or an image.mask of the pixels within {sqrt(MOST_BARREL / -k1):.2f}",
+        )
 
 
 def _given(table: Fields, bounds: Mapping[str, tuple[float, float, str]]) -> dict[str, float]:
@@ -280,6 +302,7 @@ def _checked(made: SensorProfile) -> SensorProfile:
                 read.numbers(pair, 2, low=low, high=1e9, unit=pair[-2:])
         else:
             table.problem(key, f"{key} = {shown(part)} is no {kind.__name__}; leave it out where nothing is known of it")
+    _examine_lens(made, table)
     if table.problems:
         raise SpecError([Problem(p.key, f"sensor {shown(made.name)}: {p.message}") for p in table.problems])
     return made if isinstance(made.px_per_mm, tuple) else replace(made, px_per_mm=(scale[0], scale[1]))

@@ -136,7 +136,7 @@ class Slip:
         Time of the reference pose, s.
     total_mm : (float, float)
     total_deg : float
-        The same since the contact began.
+        The same since the contact began, the angle from -180 to 180: whole turns are not counted.
     """
 
     detected: bool

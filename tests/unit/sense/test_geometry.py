@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense import load_sensor
 from tactape_fab.sense.geometry import Gel, Geometry, camera
+from tactape_fab.sense.sensors import as_sensor
 
 GENERIC = (templates_folder() / "sensors" / "generic.toml").read_text(encoding="utf-8")
 SIZE_PX = (320, 240)
@@ -67,3 +69,24 @@ def test_everything_wrong_in_them_is_said_at_once(tmp_path: Path) -> None:
     assert "aspect = 1.03 exceeds 0.2; give the difference from 1: 0.03 for 3 %" in said
     for words in ("k2", "center_px", "sigma_k1 = -1 is below 0", "thickness_mm = '4' is not a number in mm"):
         assert words in said
+
+
+def test_a_barrel_that_shows_nothing_at_a_corner_is_refused(tmp_path: Path) -> None:
+    """Beyond it the way back through the lens does not end: corners would have places at random."""
+    load_sensor(with_tables(tmp_path, "\n[geometry]\nk1 = -0.12\n"))
+    for geometry, least in (("k1 = -0.13", "-0.120"), ("k1 = -0.06\ncenter_px = [0.0, 0.0]", "-0.030")):
+        with pytest.raises(SpecError, match=rf"geometry\.k1 = -0\.\d+ is below {least}.*an image\.mask of the pixels within"):
+            load_sensor(with_tables(tmp_path, f"\n[geometry]\n{geometry}\n"))
+
+
+def test_a_mask_without_corners_takes_a_stronger_barrel() -> None:
+    """Where the lens is exact on all pixels that count, it may be worse beyond them."""
+    sensor = replace(load_sensor("gelsight-mini"), geometry=Geometry(k1=-0.18))
+    with pytest.raises(SpecError, match=r"image\.mask of the pixels within 0\.82"):
+        as_sensor(sensor)
+    v, u = np.indices((sensor.height_px, sensor.width_px))
+    apart = np.hypot(u - sensor.centre_px[0], v - sensor.centre_px[1])
+    mask = apart < 0.81 * sensor.camera.corner_px
+    model = as_sensor(replace(sensor, mask=mask)).camera
+    at = np.argwhere(mask)[:, ::-1][::50].astype(float)
+    np.testing.assert_allclose(model.to_px(model.from_px(at)), at, atol=1e-8)
