@@ -78,7 +78,7 @@ def _displacement(table: Fields, pitch_mm: float) -> float:
         "displacement_mm",
         low=LEAST_DISPLACEMENT_MM,
         below=inf if table.refused("pitch_mm") else pitch_mm / 2,
-        remedy=f"{remedy}, usually {usual:g}",
+        remedy=f"{remedy}, usually {usual:.3g}",
         default=usual,
     )
     return float(snap_mm(usual if table.refused("pitch_mm") else displacement_mm))
