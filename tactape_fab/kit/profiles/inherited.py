@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ def fab_table(name: str) -> Fields:
     """The table of a fab profile, by name or by the path of a TOML file, with what it inherits.
 
     Tables are merged key by key; any other value, including a list, replaces the inherited one. The name is not inherited: a
-    profile that extends another and gives no name is named after its file.
+    profile that extends another and gives no name is named after its file. A ``warn_mm`` that the nearer ``value_mm`` of its
+    limit reaches is not inherited.
 
     Raises SpecError: a file that cannot be read, an unknown profile, a cycle, or more than `MOST_ANCESTORS` of them.
     """
@@ -31,6 +32,7 @@ def fab_table(name: str) -> Fields:
         return table
     # resolved: a cycle may pass through links
     values, seen = {"name": path.stem, **table.values}, [path.resolve()]
+    reached: set[str] = set()
     while "extends" in values:
         path = _parent(path, values.pop("extends"), table.where)
         inherited = read_toml(path, f"{table.where}extends")
@@ -41,7 +43,8 @@ def fab_table(name: str) -> Fields:
             hint = "extend one that is nearer to the last"
             raise _refusal(table.where, f"passes through more than {MOST_ANCESTORS} profiles; {hint}")
         seen.append(path.resolve())
-        values = _merged(values, inherited, _TABLES_DEEP)
+        reached.update(_reached_warnings(values, inherited))
+        values = _merged(values, _without_warnings(inherited, reached), _TABLES_DEEP)
     return Fields(values, table.where)
 
 
@@ -63,6 +66,32 @@ def _parent(child: Path, name: object, where: str) -> Path:
 
 def _refusal(where: str, message: str) -> SpecError:
     return SpecError(Problem(f"{where}extends", f"{where}extends {message}"))
+
+
+def _reached_warnings(own: Mapping[str, Any], inherited: Mapping[str, Any]) -> Iterator[str]:
+    """Limits whose inherited ``warn_mm`` the own ``value_mm`` reaches, so that no value is left to warn of."""
+    for rule, limit in _limits(own).items():
+        value_mm, warn_mm = limit.get("value_mm"), _limits(inherited).get(rule, {}).get("warn_mm")
+        if "warn_mm" in limit or not (isinstance(value_mm, int | float) and isinstance(warn_mm, int | float)):
+            continue
+        if value_mm >= warn_mm:
+            yield rule
+
+
+def _without_warnings(values: Mapping[str, Any], rules: Collection[str]) -> Mapping[str, Any]:
+    """The values without the ``warn_mm`` of some limits."""
+    without = {
+        rule: {key: value for key, value in limit.items() if key != "warn_mm"}
+        for rule, limit in _limits(values).items()
+        if rule in rules
+    }
+    return {**values, "limits": {**values["limits"], **without}} if without else values
+
+
+def _limits(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Those of a profile's limits that are tables, as all are in a sound one."""
+    limits = values.get("limits")
+    return {rule: limit for rule, limit in limits.items() if isinstance(limit, dict)} if isinstance(limits, dict) else {}
 
 
 def _merged(own: Mapping[str, Any], inherited: Mapping[str, Any], deep: int) -> dict[str, Any]:

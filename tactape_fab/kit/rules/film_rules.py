@@ -291,8 +291,11 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
     )
     # a board may be turned on the line: the longer side is held against the longer limit
     size_mm, panel = sorted(board_mm, reverse=True), fab.panel
-    small = any(side < least - TOLERANCE_MM for side, least in zip(size_mm, panel.smallest_mm, strict=True))
-    large = any(side > most_mm + TOLERANCE_MM for side, most_mm in zip(size_mm, panel.largest_mm, strict=True))
+    too_short = [side < least - TOLERANCE_MM for side, least in zip(size_mm, panel.smallest_mm, strict=True)]
+    too_long = [side > most_mm + TOLERANCE_MM for side, most_mm in zip(size_mm, panel.largest_mm, strict=True)]
+    small, large = any(too_short), any(too_long)
+    # the side that is too long, else the one that is too short; of two the longer and the shorter one
+    side = too_long.index(True) if large else (0 if too_short == [True, False] else 1)
     said = f"assembly takes {panel.smallest_mm[0]:g} x {panel.smallest_mm[1]:g} to {panel.largest_mm[0]:g} x "
     said += f"{panel.largest_mm[1]:g} mm; the {what} is {size_mm[0]:g} x {size_mm[1]:g} mm"
     remedy = _size_remedy(size_mm, board_mm[0] >= board_mm[1], fab, small=small, large=large)
@@ -300,8 +303,8 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
         rule="assembly-size",
         level="info",
         passed=not (small or large),
-        value=size_mm[0] if large else size_mm[1],
-        limit=panel.largest_mm[0] if large else panel.smallest_mm[1],
+        value=size_mm[side],
+        limit=(panel.largest_mm if large else panel.smallest_mm)[side],
         **cited(panel.origin),
         message=said + remedy,
     )

@@ -32,6 +32,20 @@ def test_a_profile_takes_what_it_does_not_give_itself(tmp_path: Path) -> None:
     assert mine == replace(generic, name="mine", limits={**generic.limits, "pad-pad": pad_pad})
 
 
+@pytest.mark.parametrize(("value_mm", "warn_mm"), [(0.149, 0.15), (0.15, None), (0.2, None), (0.3, None)])
+def test_a_limit_that_reaches_the_inherited_warning_has_none(tmp_path: Path, value_mm: float, warn_mm: float | None) -> None:
+    # generic-fpc warns of less than 0.15 mm, and "leave it out" is no way to leave out what is inherited
+    profile = written(tmp_path, "mine", f'extends = "generic-fpc"\n[limits.pad-pad]\nvalue_mm = {value_mm}\n')
+    limit = load_fab(profile).limits["pad-pad"]
+    assert (limit.value_mm, limit.warn_mm) == (value_mm, warn_mm)
+    # nor does it come from further up, past a warning that is reached
+    written(tmp_path, "house", 'extends = "generic-fpc"\n[limits.pad-pad]\nwarn_mm = 0.12\n')
+    wide = load_fab(written(tmp_path, "wide", 'extends = "house.toml"\n[limits.pad-pad]\nvalue_mm = 0.13\n'))
+    assert wide.limits["pad-pad"].warn_mm is None
+    own = f'extends = "generic-fpc"\n[limits.pad-pad]\nvalue_mm = {value_mm}\nwarn_mm = {value_mm}\n'
+    assert "give more than value_mm" in refusal(written(tmp_path, "own", own))
+
+
 def test_a_list_replaces_the_inherited_one(tmp_path: Path) -> None:
     profile = written(tmp_path, "lists", 'extends = "generic-fpc"\n[stiffener]\nchoices = ["PI 0.1"]\n')
     assert load_fab(profile).stiffener.choices == ("PI 0.1",)

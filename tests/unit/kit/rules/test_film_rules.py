@@ -226,6 +226,25 @@ def assembled(board_mm: tuple[float, float], count: int = 10, fab: FabProfile = 
     return few, size
 
 
+@pytest.mark.parametrize(
+    ("board_mm", "value", "limit"),
+    [
+        ((60.0, 55.0), 60.0, 70.0),
+        ((55.0, 60.0), 60.0, 70.0),
+        ((80.0, 40.0), 40.0, 50.0),
+        ((60.0, 40.0), 40.0, 50.0),
+        ((200.0, 120.0), 120.0, 100.0),
+        ((300.0, 80.0), 300.0, 250.0),
+        ((300.0, 120.0), 300.0, 250.0),
+        ((300.0, 40.0), 300.0, 250.0),
+    ],
+)
+def test_the_size_is_that_of_a_side_that_is_out_of_range(board_mm: tuple[float, float], value: float, limit: float) -> None:
+    panel = replace(FAB.panel, smallest_mm=(70.0, 50.0), largest_mm=(250.0, 100.0))
+    _, size = assembled(board_mm, fab=replace(FAB, panel=panel))
+    assert (size.value, size.limit, size.passed) == (value, limit, False)
+
+
 def test_so_many_parts_are_asked_for() -> None:
     for count, passed in ((299, True), (300, True), (301, False)):
         few, _ = assembled((100.0, 100.0), count)
