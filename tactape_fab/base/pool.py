@@ -74,7 +74,7 @@ class ProcessPool(Executor):
     """Calls functions in up to `count` fresh processes, one call at a time in each.
 
     Unlike those of concurrent.futures.ProcessPoolExecutor, its processes are started by `tactape_fab.base.launch`: they import
-    nothing from the current folder, and never see SIGINT. A process that dies fails its own call alone, with
+    nothing from the current folder, and never see SIGINT or SIGHUP. A process that dies fails its own call alone, with
     `LostProcessError`. What a function in them says by `tell` is passed to `told`. They end by themselves when this process
     ends. As a context manager, the pool stops at once if the block raises.
     """
@@ -303,7 +303,9 @@ def serve() -> None:
     exception.
     """
     global _answers  # noqa: PLW0603 (one for each process)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to every process; who started this one stops it by SIGTERM
+        if hasattr(signal, name):  # Windows has no SIGHUP
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     asked = sys.stdin.buffer
     # a copy of the pipe; descriptor 1 itself then goes to stderr
     _answers = answers = os.fdopen(os.dup(1), "wb")

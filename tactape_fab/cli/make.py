@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ import click
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.check import avoid_option, examined_order, given_values, is_list, spec_values, tape_options
-from tactape_fab.cli.exits import answer, answers
+from tactape_fab.cli.exits import answer, answers, clean_up_on_signals
 from tactape_fab.cli.options import number, size, workers_option
 from tactape_fab.cli.printing import (
     clear_step,
@@ -109,7 +108,7 @@ def make(
               tactape-fab make --sector 7 --part dome --process sla
               tactape-fab make --sectors 0-9,20 --no-3d -o lab
     """
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # SIGTERM removes unfinished files
+    clean_up_on_signals()
     gc.set_threshold(_OBJECTS_A_COLLECTION)
     with answers():
         from tactape_fab.kit.examine.tape import Examined

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import signal
-import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import click
 
-from tactape_fab.cli.exits import answers
+from tactape_fab.cli.exits import answers, clean_up_on_signals
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, degrees, kilopascals, length, micrometres, newtons, number, pair
 from tactape_fab.cli.printing import counted, echo_line, step_shown
 
@@ -70,7 +68,7 @@ def simulate(
     \b
     Example: tactape-fab simulate tactape-s007 -o frames.npz --count 100 --seed 1
     """
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    clean_up_on_signals()
     with answers():
         from tactape_fab.sense.files.simulated import simulate_file
 

@@ -180,7 +180,7 @@ def stop_in_the_middle(folder: Path, number: int, after_s: float) -> int:
     return run.wait()
 
 
-@pytest.mark.parametrize(("number", "statuses"), [(signal.SIGINT, {1, 130}), (signal.SIGTERM, {143})])
+@pytest.mark.parametrize(("number", "statuses"), [(signal.SIGINT, {1, 130}), (signal.SIGTERM, {143}), (signal.SIGHUP, {129})])
 def test_a_run_that_is_asked_to_stop_leaves_nothing_behind(
     number: signal.Signals, statuses: set[int], tmp_path: Path, whole: dict[int, Files]
 ) -> None:

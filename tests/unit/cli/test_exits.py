@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
 import click
 import pytest
+from click.testing import CliRunner
 
-from tactape_fab.cli.exits import with_options
+from tactape_fab.cli import main
+from tactape_fab.cli.exits import clean_up_on_signals, with_options
 
+HANGUP = getattr(signal, "SIGHUP", signal.SIGTERM)
+"""Windows has none."""
 COMMAND = click.Command(
     "press",
     params=[
@@ -31,3 +39,47 @@ def test_arguments_are_named_as_the_options_that_a_command_has(said: str, typed:
     with click.Context(COMMAND):
         assert with_options(said) == typed
     assert with_options(said) == said
+
+
+@pytest.fixture
+def handlers() -> Iterator[None]:
+    """Handlers of these signals, put back after the test."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, HANGUP)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, HANGUP])
+@pytest.mark.parametrize(
+    ("call", "command"),
+    [
+        ("tactape_fab.make.kit.make_examined", "make --sector 7 --size 24x20 --no-3d"),
+        ("tactape_fab.make.panel.make_panel", "coupon"),
+        ("tactape_fab.make.emboss.emboss_kit", "emboss KIT part.stl"),
+        ("tactape_fab.sense.files.simulated.simulate_file", "simulate KIT -o frames.npz"),
+    ],
+)
+def test_what_writes_cleans_up_when_it_is_asked_to_stop(
+    number: signal.Signals, call: str, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, handlers: None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    cleaned = []
+
+    def stopped(*_: object, **__: object) -> None:
+        try:
+            signal.raise_signal(number)
+        finally:
+            cleaned.append(True)
+
+    # the default would end the process of the tests
+    for one in (signal.SIGTERM, HANGUP):
+        signal.signal(one, lambda *_: None)
+    monkeypatch.setattr(call, stopped)
+    assert CliRunner().invoke(main, command.split()).exit_code == 128 + number and cleaned
+
+
+def test_a_command_under_nohup_outlives_its_terminal(handlers: None) -> None:
+    signal.signal(HANGUP, signal.SIG_IGN)
+    clean_up_on_signals()
+    assert signal.getsignal(HANGUP) == signal.SIG_IGN
