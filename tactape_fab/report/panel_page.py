@@ -74,7 +74,10 @@ def _data(panel: WrittenPanel) -> dict[str, Any]:
         "reach_mm": reach_mm(manifest, first),
         "letters": first.points_in.letters,
         **({} if first.points_in.usual else {"codes": first.points_in.gray_codes.tolist()}),
-        "tapes": [{"name": tape.name, "origin": list(tape.origin)} for tape in panel.tapes],
+        "tapes": [
+            {"name": tape.name, "origin": list(tape.origin), "turned": bool(row["rotation_deg"])}
+            for tape, row in zip(panel.tapes, manifest["tapes"], strict=True)
+        ],
         "places": _places(panel, cpl).to_mapping(),
         "shapes": [shape.to_mapping() for shape in shapes],
         "layers": layer_switches(shapes),
@@ -122,5 +125,10 @@ def _tapes(manifest: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             "sector": tape["sector"],
             "parts": tape["parts"],
             "designators": f"R{first} to R{first + tape['parts'] - 1}",
-            "at_mm": "{:g}, {:g}".format(*tape["offset_mm"]) + ", turned" * bool(tape["rotation_deg"]),
+            "at_mm": "{:g}, {:g}".format(*tape["offset_mm"]) + _turned(tape["rotation_deg"]),
         }
+
+
+def _turned(rotation_deg: float) -> str:
+    """How a tape lies on the panel; its own lower left corner is then another one of what it covers."""
+    return f", turned by {rotation_deg:g}° round it" if rotation_deg else ""

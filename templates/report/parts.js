@@ -35,16 +35,17 @@ function describe(i) {
   const x = places.xy[2 * i], y = places.xy[2 * i + 1], [tx, ty] = toTexture(x, y);
   const c = places.cells[2 * i], r = places.cells[2 * i + 1], letter = data.letters[places.symbols[i]];
   const tape = data.tapes ? data.tapes[places.tapes[i]] : null, [firstColumn, firstRow] = (tape ?? data).origin;
+  const how = SYMBOL_WORDS[letter] + (tape?.turned ? " on its tape, which lies turned" : "");
   const lines = [
     ["designator", places.names[i]],
     ["column, row", `${c}, ${r}`],
     ["code index", `${firstColumn + c}, ${firstRow + r}`],
-    ["symbol", `${letter}, ${SYMBOL_WORDS[letter]}; bits ${bitsOf(places.symbols[i])}`],
+    ["symbol", `${letter}, ${how}; bits ${bitsOf(places.symbols[i])}`],
   ];
   if (tape) lines.unshift(["tape", tape.name]);
   else lines.push(["texture x, y", `${mm(tx, 4)}, ${mm(ty, 4)} mm`]);
   if (places.model) lines.push(["on the part", `${[0, 1, 2].map((axis) => mm(places.model[3 * i + axis])).join(", ")} mm`]);
-  else lines.push([tape ? "panel x, y" : "board x, y", `${mm(x, 4)}, ${mm(y, 4)} mm`], ["rotation", `${places.turns[i]}°`]);
+  else lines.push([tape ? "panel x, y" : "board x, y", `${mm(x, 4)}, ${mm(y, 4)} mm`], ["rotation", `${Number(places.turns[i].toFixed(4))}°`]);
   return lines.concat(...moreLines.map((more) => more(i)));
 }
 
@@ -212,7 +213,7 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
 canvas.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const arrow = ARROWS[event.key];
-  if (arrow && selected >= 0 && !event.shiftKey) {
+  if (arrow && columns && selected >= 0 && !event.shiftKey) {
     let c = places.cells[2 * selected], r = places.cells[2 * selected + 1], next = -1;
     while (next < 0 && c >= 0 && r >= 0 && c < columns && r < rows) {
       c += arrow[0];

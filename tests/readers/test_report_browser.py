@@ -13,9 +13,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from click.testing import CliRunner
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.base.errors import Check
+from tactape_fab.cli import main
 from tactape_fab.make.panel import PanelKit
 from tactape_fab.report import REPORT_NAME, render_report
 from tactape_fab.texture.as_built import AsBuilt, manifest_digest
@@ -105,6 +107,10 @@ def test_a_panels_report_leads_to_those_of_its_tapes(browser: Any, panel_2: Pane
     x, y = second.part_xy_mm()[39] + json.loads((panel_2.path / "manifest.json").read_text())["tapes"][1]["offset_mm"]
     shown = rows(page, "part")
     assert (shown["tape"], shown["panel x, y"]) == (second.name, f"{x:.4f}, {y:.4f} mm")
+    still = picture(page)
+    page.locator("#board").press("ArrowLeft")  # a panel has no grid to go along: arrows move the view
+    drawn(page)
+    assert (picture(page) != still).any()
     assert search(page, "0,0").startswith("no part 0,0")
     page.click(f"#tapes a >> text={second.name}")
     drawn(page)
@@ -599,6 +605,28 @@ def test_other_kits_open_too(open_report: Open, small_kit: Kit, tmp_path: Path) 
     page = open_report(printed.path / printed.files["report"])
     assert search(page, "R5").startswith("R5: ")
     assert page.locator("img.preview").evaluate("node => node.naturalWidth") > 1000
+
+
+def test_a_rotation_has_the_decimals_of_the_list(open_report: Open, tmp_path: Path) -> None:
+    spec = TapeSpec(sector=9, size_mm=(30.0, 20.0), rotation_deg=17.1234, models=False)
+    kit = make_kit(spec, tmp_path / "kit", verify=False, force=True)
+    page = open_report(kit.path / kit.files["report"])
+    search(page, "R5")
+    assert rows(page, "part")["rotation"] == "17.1234°"  # not 17.12339973449707
+
+
+def test_parts_of_a_turned_tape_lean_as_on_their_tape(open_report: Open, tmp_path: Path) -> None:
+    tapes = "".join(f"[[tapes]]\nsector = {s}\nsize_mm = {size}\n" for s, size in ((1, [60, 16]), (2, [16, 60])))
+    (tmp_path / "tapes.toml").write_text(f"models = false\n{tapes}")
+    command = ["make", str(tmp_path / "tapes.toml"), "--pack", "--no-verify", "-o", str(tmp_path / "panels")]
+    assert CliRunner().invoke(main, command).exit_code == 0
+    (panel,) = (tmp_path / "panels").iterdir()
+    manifest = json.loads((panel / "manifest.json").read_text())
+    page = open_report(panel / REPORT_NAME)
+    for tape in manifest["tapes"]:
+        search(page, tape["first_designator"])
+        assert ("on its tape" in rows(page, "part")["symbol"]) is (tape["rotation_deg"] != 0.0)
+    assert {tape["rotation_deg"] for tape in manifest["tapes"]} == {0.0, 90.0}
 
 
 def test_hostile_texts_stay_texts(open_report: Open, tmp_path: Path) -> None:

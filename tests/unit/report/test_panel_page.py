@@ -93,7 +93,7 @@ def test_every_part_of_the_panel_is_on_the_map_with_its_tape_and_grid_point(pane
     assert places["designators"].split("\n") == [f"R{k}" for k in range(1, total + 1)]
     cells, xy_mm = unpacked(places["cells"], "<i4", total, 2), unpacked(places["xy_mm"], "<f8", total, 2)
     owner, symbols = unpacked(places["tapes"], "<u2", total), unpacked(places["symbols"], "u1", total)
-    assert data["tapes"] == [{"name": tape.name, "origin": list(tape.origin)} for tape in panel_2.tapes]
+    assert data["tapes"] == [{"name": t.name, "origin": list(t.origin), "turned": False} for t in panel_2.tapes]
     for k, (tape, row) in enumerate(zip(panel_2.tapes, panel.manifest["tapes"], strict=True)):
         assert np.array_equal(cells[owner == k], tape.cells())
         assert np.array_equal(symbols[owner == k], tape.symbols[tape.cells()[:, 1], tape.cells()[:, 0]])
@@ -110,8 +110,11 @@ def test_a_tape_that_is_turned_on_the_panel_keeps_its_grid_points(panel: Written
     rows = [f"{name},{x:.4f},{y:.4f},Top,135" for name, (x, y) in zip(cpl.designators, turned.tolist(), strict=False)]
     manifest = {**panel.manifest, "tapes": [{**first, "offset_mm": [50.0, 3.0], "rotation_deg": 90.0}]}
     files = {**panel.files, "cpl": "\r\n".join([text[0], *rows, ""]).encode()}
-    data = Page(render_panel_report(replace(panel, manifest=manifest, tapes=[tape], files=files)).data).data
-    assert np.array_equal(unpacked(data["places"]["cells"], "<i4", -1, 2), tape.cells())
+    page = Page(render_panel_report(replace(panel, manifest=manifest, tapes=[tape], files=files)).data)
+    assert np.array_equal(unpacked(page.data["places"]["cells"], "<i4", -1, 2), tape.cells())
+    # on the panel that corner is the lower right one
+    assert "its lower left corner at x, y mm" in page.text and "50, 3, turned by 90° round it" in page.text
+    assert page.data["tapes"][0]["turned"] is True
 
 
 def test_the_same_panel_gives_the_same_bytes(panel: WrittenPanel) -> None:
