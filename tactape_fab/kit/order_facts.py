@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, floor
+from math import ceil, floor, inf
 
 import numpy as np
 
 from tactape_fab.base.errors import Finding
 from tactape_fab.kit.artifact import AnyArtifact
+from tactape_fab.kit.film.anchors import foreign_pads_mm
 from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.panel.geometry import Panel, Place
+from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import FabProfile, Limit, Origin, PartNumber, PartProfile, SizeLimit
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.shapes import reach_mm
+from tactape_fab.texture.shapes import outlines_at, reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
 
@@ -200,8 +202,11 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         field_mm=field_mm,
         number_mm=_number_area(layout, fab, field_mm[0]),
         slash=_slash(tape.part.rotation_deg),
-        fits_panel=least[0] <= longer <= most[0] and least[1] <= shorter <= most[1],
-        least_gap_mm=min((f.value for f in findings if f.rule in ("pad-pad", "pad-pair") and f.value is not None), default=0.0),
+        fits_panel=all(
+            low - TOLERANCE_MM <= side <= high + TOLERANCE_MM
+            for low, side, high in zip(least, (longer, shorter), most, strict=True)
+        ),
+        least_gap_mm=_least_gap_mm([layout], fab, findings),
         least_hole_mm=min((hole[2] for hole in tape.board.holes), default=None),
         opening_mm=layout.outlines.opening_size_mm,
         questions=_questions(fab, findings),
@@ -246,6 +251,7 @@ def panel_order_facts(
         size_mm=panel.size_mm,
         part_count=sum(counts),
         fits_panel=True,
+        least_gap_mm=_least_gap_mm(layouts, fab, findings),
         least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
         estimate=estimate(sum(counts), fab),
         coverlays=[*ways],
@@ -281,6 +287,17 @@ def panel_order_facts(
             ),
         ),
     )
+
+
+def _least_gap_mm(layouts: Sequence[Layout], fab: FabProfile, findings: Sequence[Finding]) -> float:
+    """Least spacing of the copper: of pads, of spurs, and of anchors from pads of other parts."""
+    measured = {f.rule: f.value for f in findings if f.value is not None}
+    least_mm = min((measured[rule] for rule in ("pad-pad", "pad-pair", "anchor-copper") if rule in measured), default=0.0)
+    # a pad lies one expansion inside its opening at least: most tapes are known to be wider, and need no second look
+    if measured.get("anchor-opening", inf) + fab.coverlay_expansion_mm >= least_mm:
+        return least_mm
+    anchored = [(layout.anchors, outlines_at(layout.pads.xy_mm, layout.pads.outline_mm)) for layout in layouts]
+    return min([least_mm, *(foreign_pads_mm(anchors, pads_mm) for anchors, pads_mm in anchored if anchors is not None)])
 
 
 def _made(layout: Layout) -> tuple[str, str, str]:
@@ -320,7 +337,8 @@ def _place(xy_mm: FloatArray) -> tuple[float, float]:
 def _is_close(finding: Finding) -> bool:
     """Whether a limit that no fab confirmed is met by little, or not met."""
     asked = finding.source and not finding.confirmed and finding.level != "info" and finding.rule not in _NEVER_CLOSE
-    return bool(asked) and finding.value is not None and bool(finding.limit) and finding.value < _CLOSE * (finding.limit or 0.0)
+    # of a limit of 0, such as that of courtyards, only what overlaps is close
+    return bool(asked) and finding.value is not None and finding.limit is not None and finding.value < _CLOSE * finding.limit
 
 
 def _field(layout: Layout) -> Box:
@@ -364,10 +382,16 @@ def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, 
     tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
     origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
     origins += [table.origin for table in tables if table is not None]
-    # findings carry the source of a limit, not its date
+    # findings carry the source of a limit, not its date; one source may have answered at several, of several limits
     dates = {origin.source: origin.date for origin in origins}
+    of_rules = {(rule, limit.source): limit.date for rule, limit in fab.limits.items()}
     return tuple(
-        Question(rule=f.rule, message=f.message, source=f.source, date=dates.get(f.source, "no date"))
+        Question(
+            rule=f.rule,
+            message=f.message,
+            source=f.source,
+            date=of_rules.get((f.rule, f.source)) or dates.get(f.source, "no date"),
+        )
         for f in findings
         if f.source and not f.confirmed
     )

@@ -153,6 +153,15 @@ def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, Floa
     return gap_mm, np.zeros(2) if line is None else anchors.lines_mm[line].mean(axis=0)
 
 
+def foreign_pads_mm(anchors: Anchors, pads_mm: FloatArray) -> float:
+    """Least distance of the copper lines from pads of other parts, and of webs from any, mm; inf if none is near.
+
+    pads_mm (2 n, k, 2): Outlines of all pads; R1 land 1, R1 land 2, R2 land 1 ...
+    """
+    pads = shapely.multipolygons(shapely.polygons(pads_mm), indices=np.arange(len(pads_mm)) // 2)
+    return nearest_foreign(anchors, pads)[0]
+
+
 def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
     """Least gap between spurs of two parts, mm, and its place; inf if no two are near. In a mesh they are connected."""
     lines = shapely.linestrings(anchors.spurs_mm)
