@@ -53,7 +53,9 @@ def number_rows(template: str, *columns: npt.NDArray[Any]) -> bytes:
 
 def _whole(values: npt.NDArray[Any]) -> Cells:
     """``%d`` of each."""
-    return _signed(digits(np.abs(values)), values < 0)
+    # the least number of a narrow type has no opposite in it
+    size = np.abs(values.astype(np.int64, copy=False)) if values.dtype.kind == "i" else values
+    return _signed(digits(size), values < 0)
 
 
 def _fixed(values: npt.NDArray[Any], decimals: int) -> Cells:
@@ -62,6 +64,7 @@ def _fixed(values: npt.NDArray[Any], decimals: int) -> Cells:
     Rounding keeps the order, and halves are exact: a product that is rounded to one side of a half was on that side. So Python
     is asked only for numbers whose product is a half.
     """
+    values = values.astype(np.float64, copy=False)  # products of single precision are other numbers
     # products from 2**51 on are left to Python: below, doubles are at most a quarter apart, so that every half is one of them
     if not (np.abs(values) < _EXACT / 10.0**decimals).all():
         texts = np.array([b"%.*f" % (decimals, value) for value in values.tolist()])

@@ -60,6 +60,13 @@ def test_whole_numbers_are_those_of_python(most: int) -> None:
     assert number_rows("<%d %d %d>", edges) == by_python("<%d %d %d>", edges)
 
 
+@pytest.mark.parametrize("kind", ["f2", "f4", "i1", "u1", "i4", "u4", "u8"])
+def test_numbers_of_every_type_are_those_of_python(kind: str) -> None:
+    values = (RANDOM.normal(size=999) * 200.0).astype(kind) if kind[0] == "f" else np.arange(-128, 256).astype(kind)
+    template = "%.6f\n" if kind[0] == "f" else "%d\n"
+    assert number_rows(template, values) == by_python(template, values)
+
+
 def test_columns_stand_beside_each_other() -> None:
     number, xy_mm = np.arange(1, 2000), RANDOM.uniform(-9.0, 99.0, (1999, 2))
     assert number_rows("R%d %.4f %.2f", number, xy_mm) == by_python("R%d %.4f %.2f", number, xy_mm)
