@@ -27,7 +27,9 @@ def draw_map(advice: Advice, points: Sequence[MapPoint]) -> bytes:
     step_x, step_y = _LEFT + width + _MARGIN, height + below + _MARGIN
     whole = (across * step_x, _TOP + ceil(len(parts) / across) * step_y + 16)
     sizes = [size for p in points for size in p.least_mm.values() if size is not None]
-    low, high = float(int(min(sizes, default=2.0))), float(ceil(max(sizes, default=10.0)))
+    low = float(int(min(sizes, default=2.0)))
+    # where all sizes are one whole number, the axis still has a length
+    high = max(float(ceil(max(sizes, default=10.0))), low + 1.0)
     asked = advice.question
     registered = "1 registered tape" if asked.tapes == 1 else f"{asked.tapes} registered tapes"
     lines = [

@@ -11,9 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from tactape_fab.advise import map as advise_map
-from tactape_fab.advise.answer import LOCATED, seen_of
+from tactape_fab.advise.answer import LOCATED, advise, seen_of
 from tactape_fab.advise.designs import Design
-from tactape_fab.advise.map import map_of
+from tactape_fab.advise.map import MapPoint, map_of
+from tactape_fab.advise.map_picture import draw_map
 from tactape_fab.advise.model import CODES, LOSS, least_contact_mm
 from tactape_fab.advise.question import read_question
 from tactape_fab.cli import main
@@ -47,6 +48,19 @@ def test_pitches_that_a_small_tape_has_no_room_for_are_empty(monkeypatch: pytest
     narrow, usual, wide = map_of(read_question({"contact_mm": 8, "size_mm": (14.0, 12.0)}))
     assert usual.parts == 24 and usual.least_mm["microdots-4x4"] is not None
     assert narrow.least_mm == wide.least_mm == {} and wide.parts == 0 and wide.each is None
+
+
+@pytest.mark.parametrize("least_mm", [7.0, 7.1, None])
+def test_one_size_alone_is_drawn(least_mm: float | None) -> None:
+    advice = advise(read_question({"contact_mm": 9.0}))
+    points = [
+        MapPoint(part="r0201", body_mm=(0.6, 0.3, 0.23), pitch_mm=w, least_mm={"microdots-4x4": least_mm} if w == 1.5 else {})
+        for w in (1.4, 1.5, 1.6)
+    ]
+    root = ElementTree.fromstring(draw_map(advice, points))
+    places = [line.attrib["points"] for line in root.iter() if line.tag.endswith("polyline")]
+    # 7 mm at the lower end of an axis from 7 to 8, W in the middle
+    assert places == ([] if least_mm is None else ["200.0,250.0" if least_mm == 7.0 else "200.0,225.0"])
 
 
 @pytest.mark.usefixtures("three_pitches")
