@@ -23,7 +23,10 @@ def check_certificate(file: WrittenFile, tape: Tape) -> Check:
     size = certificate.sizes[0]
     if wrong is not None:
         return Check(name=CERTIFICATE, passed=False, message=f"{file.path} is not this tape's: {wrong}")
-    message = f"as computed again: {size.windows} windows of {size.side}x{size.side} differ by {size.distance} symbols or more"
+    windows = f"{size.windows} windows of {size.side}x{size.side} differ"
+    if size.windows == 1:  # from itself, turned
+        windows = f"1 window of {size.side}x{size.side} differs"
+    message = f"as computed again: {windows} by {size.distance} symbols or more"
     if size.distance is None:
         message = f"as computed again: the tape has no whole window of {size.side}x{size.side}"
     return Check(name=CERTIFICATE, passed=True, message=message, figure=size.distance)

@@ -96,7 +96,8 @@ def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: s
         )
         return Check(name=name, passed=False, message=message, figure=float(count - len(wrong)))
     n = code.window
-    message = f"all {count} windows of {n}x{n} decode to sector {tape.sector}, origin {tape.origin[0]},{tape.origin[1]}"
+    windows = f"all {count} windows of {n}x{n} decode" if count > 1 else f"the only window of {n}x{n} decodes"
+    message = f"{windows} to sector {tape.sector}, origin {tape.origin[0]},{tape.origin[1]}"
     return Check(name=name, passed=True, message=message, figure=float(count))
 
 

@@ -220,5 +220,5 @@ def check_drill(holes: FloatArray, tape: Tape) -> Check:
     problems = [*missing, *strange]
     if not problems and len(found) != len(expected):
         problems.append(f"{len(found)} holes where the manifest has {len(expected)}")
-    message = named(problems) or f"{len(found)} holes as in the manifest"
+    message = named(problems) or f"{len(found)} hole{'s' * (len(found) != 1)} as in the manifest"
     return Check(name="drill-npth", passed=not problems, message=message, figure=float(len(found)))

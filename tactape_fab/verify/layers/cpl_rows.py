@@ -160,7 +160,8 @@ def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) 
     }
     for number, (row, group) in enumerate(zip(rows, groups, strict=True), start=1):
         problems += _row_problems(number, row, {**same, "item": str(number), "quantity": str(len(group))})
-    message = "; ".join(problems[:_MOST_SAID]) or f"{len(found)} designators in {len(groups)} rows, each once"
+    listed = f"{len(groups)} row{'s' * (len(groups) != 1)}"
+    message = "; ".join(problems[:_MOST_SAID]) or f"{len(found)} designators in {listed}, each once"
     return Check(name="bom", passed=not problems, message=message, figure=float(len(found)))
 
 

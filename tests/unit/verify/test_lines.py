@@ -67,3 +67,14 @@ def test_a_pipe_gets_lines_before_the_end(kit: Path) -> None:
     assert running
     assert len(rest) > 40
     assert process.returncode == 0
+
+
+def test_one_of_a_kind_is_said_so(tmp_path: Path) -> None:
+    spec = TapeSpec(sector=7, size_mm=(9.0, 7.7), pitch_mm=1.5, tag="none", holes_mm=((8.4, 3.9, 0.2),), models=False)
+    kit = make_kit(spec, tmp_path / "kit", force=True)
+    assert (kit.tape.columns, kit.tape.rows) == (4, 4)
+    said = {check.name: check.message for check in kit.checks}
+    assert said["bom"] == "16 designators in 1 row, each once"
+    assert said["drill-npth"] == "1 hole as in the manifest"
+    assert said["windows from CPL"].startswith("the only window of 4x4 decodes to sector 7, origin ")
+    assert said["certificate"].startswith("as computed again: 1 window of 4x4 differs by ")
