@@ -81,7 +81,8 @@ class Slot:
     def take(self, timeout_s: float) -> Frame | None:
         """The frame, or None when none came in time. Raises EOFError when nothing more will come."""
         with self._changed:
-            if self._frame is None and not self._ended:
+            # a wait of no time would let go of the lock, which `take_next` holds over all slots
+            if self._frame is None and not self._ended and timeout_s > 0.0:
                 self._changed.wait(timeout_s)
             frame, self._frame = self._frame, None
             if frame is not None:

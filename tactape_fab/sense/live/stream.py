@@ -86,6 +86,7 @@ def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Even
     while not stop.is_set():
         skipped = source.skip_to(MAGIC)
         if skipped:
+            said = None  # the frame that it was of may be among them
             yield Trouble(
                 kind="stream damaged", message=f"skipped {skipped} bytes that are not a .npy array, before frame {number}"
             )
@@ -97,7 +98,7 @@ def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Even
                 yield Trouble(kind="stream damaged", message=f"frame {number}: {error}; looking for the next array")
             if isinstance(error, EOFError):
                 return
-            number += 1
+            number, said = number + 1, None
             continue
         if array.ndim == 0:
             said = float(array)

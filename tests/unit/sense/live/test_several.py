@@ -6,7 +6,7 @@ import json
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Barrier, Event
+from threading import Barrier, Condition, Event
 from time import sleep
 from typing import Any
 
@@ -22,7 +22,7 @@ from tactape_fab.sense import SensorProfile
 from tactape_fab.sense.files.jobs import Job, Locate
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.opening import Wanted, Wishes, open_watches
-from tactape_fab.sense.live.sources import Frame, Source
+from tactape_fab.sense.live.sources import Frame, Slot, Source, take_next
 from tactape_fab.sense.live.watch import Watch, watch_all
 from tests.live import JOB, at_once, ramp
 
@@ -73,6 +73,23 @@ def test_a_fast_sensor_drops_its_own_frames_alone() -> None:
     assert fast.dropped == 100 - fast.answered > 0
     assert (steady.answered, steady.dropped) == (5, 0)
     assert (0, 99) in found
+
+
+def test_a_frame_that_comes_while_others_are_looked_at_is_not_slept_through() -> None:
+    """It waits for the lock, and is taken as soon as nobody looks."""
+    changed, stop = Condition(), Event()
+    slots = [Slot(changed), Slot(changed)]
+    waits: list[float | None] = []
+
+    def waiting(timeout: float | None = None) -> bool:  # the one moment at which another thread can leave a frame
+        waits.append(timeout)
+        slots[0].put(Frame(number=len(waits), image=ramp(0)), stop)
+        return True
+
+    changed.wait = waiting  # type: ignore[method-assign]
+    found = take_next(slots, changed, 0, 5.0)
+    assert waits == [5.0]
+    assert found is not None and found[0] == 0
 
 
 def test_sensors_of_one_profile_share_a_locator() -> None:

@@ -133,6 +133,13 @@ def test_a_number_before_a_frame_is_its_timestamp() -> None:
     assert [f.timestamp for f in read(stream_source(io.BytesIO(data), clock=lambda: 77.0))[0]] == [1234.5, 77.0, 2.5]
 
 
+@pytest.mark.parametrize("damaged", [npy(ramp(0))[:-1000], npy(np.zeros(3)), npy(ramp(0))[1:]])
+def test_a_timestamp_is_of_no_frame_behind_a_damaged_one(damaged: bytes) -> None:
+    """Cut off, of no frame's shape, and without its first byte."""
+    data = npy(1234.5) + damaged + npy(ramp(1)) + npy(2.5) + npy(ramp(2))
+    assert [f.timestamp for f in read(stream_source(io.BytesIO(data), clock=lambda: 77.0))[0]] == [77.0, 2.5]
+
+
 class Dribble(io.RawIOBase):
     """A pipe that gives a few bytes at a time."""
 
