@@ -147,10 +147,30 @@ def as_built(
     share = LN_REST if measured else 0.0
     nominal = place.score + place.weight + share
     if evidence is None or (evidence.score + evidence.credit + found.weight).max() + LN_SHARE <= nominal:
-        return replace(place, score=place.score + share, others=place.others * exp(-share), lead=place.lead + share), q
+        return _by_design(replace(place, score=place.score + share), share, found, evidence), q
     best, symbols = _best(place, found, evidence)
     of = built[best.tape]
     return best if of is None else replace(best, shown=of.shown), symbols
+
+
+def _by_design(place: Place, share: float, found: _Places, evidence: _Evidence | None) -> Place:
+    """The best place by the design, compared with all others by the design, and with some by what was measured."""
+    others, lead = place.others * exp(-share), place.lead + share
+    if evidence is not None:
+        cue = np.log(place.turn_weights)
+        # the same place is no rival, wherever its parts stand
+        rival = ~_is(place, found)
+        likely = (evidence.score + evidence.credit + LN_SHARE)[rival]
+        others += float(np.exp(likely + found.weight[rival] - place.weight - place.score).sum())
+        strongest = float((likely + cue[found.turn[rival]]).max(initial=-inf))
+        lead = min(lead, place.score + float(cue[place.turn]) - strongest)
+    return replace(place, others=others, lead=lead)
+
+
+def _is(place: Place, found: _Places) -> BoolArray:
+    """Which of some places is this one; (k,)."""
+    same: BoolArray = (found.tape == place.tape) & (found.turn == place.turn) & (found.cells == place.cells).all(axis=(1, 2))
+    return same
 
 
 def _best(place: Place, found: _Places, evidence: _Evidence) -> tuple[Place, FloatArray]:
@@ -158,7 +178,7 @@ def _best(place: Place, found: _Places, evidence: _Evidence) -> tuple[Place, Flo
     cue = np.log(place.turn_weights)
     likely = evidence.score + evidence.credit
     at = int((likely + found.weight).argmax())
-    same = found.tape[at] == place.tape and found.turn[at] == place.turn and bool((found.cells[at] == place.cells).all())
+    same = bool(_is(place, found)[at])
     mine, rest = float(likely[at]), np.delete(likely, at)
     # all places by the design, in multiples of the answer; the best of them is a rival if it is not the answer
     others = (place.others + (not same)) * exp(min(place.score + place.weight - float(found.weight[at]) - mine, 600.0))
@@ -207,9 +227,8 @@ def _candidates(
         [place.tables[of].cells[turn] + at for of, turn, at in zip(where[:, 0], where[:, 2], where[:, 3:5], strict=True)]
     )
     # the answer by the design may have more weight, of a prior
-    same = (where[:, 1] == place.tape) & (where[:, 2] == place.turn) & (cells == place.cells).all(axis=(1, 2))
-    weight = np.where(same, np.maximum(weight, place.weight), weight)
-    return _Places(tape=where[:, 1], turn=where[:, 2], cells=cells, weight=weight, nominal=nominal)
+    places = _Places(tape=where[:, 1], turn=where[:, 2], cells=cells, weight=weight, nominal=nominal)
+    return replace(places, weight=np.where(_is(place, places), np.maximum(weight, place.weight), weight))
 
 
 def _said(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:

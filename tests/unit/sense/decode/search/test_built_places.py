@@ -15,8 +15,10 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Frame, Parts, Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.fit import fit_grid
-from tactape_fab.sense.decode.search.built_places import _fitted, _Places, _said, _weighed, built_of
+from tactape_fab.sense.decode.search import built_places
+from tactape_fab.sense.decode.search.built_places import Built, _Evidence, _fitted, _Places, _said, _weighed, as_built, built_of
 from tactape_fab.sense.decode.search.hypotheses import distinct
+from tactape_fab.sense.decode.search.search import Place
 from tactape_fab.sense.decode.settings import Method
 from tactape_fab.texture.code import TOUCH_CODE
 from tests.measured import measured
@@ -125,6 +127,36 @@ def test_two_measured_copies_of_one_texture_are_refused() -> None:
 
 
 # The bound, and the fit, on few dots by hand
+
+
+@pytest.mark.parametrize("measured_too", [True, False])
+def test_measured_places_are_rivals_of_a_place_by_the_design(monkeypatch: pytest.MonkeyPatch, measured_too: bool) -> None:
+    """Beside the answer its own measured place, and another tape's, a little less likely: by Bayes' rule, over all of them."""
+    rng = np.random.default_rng(2)
+    dots = _some_dots(rng, 8, 0.02)
+    fit = fit_grid(dots.xy_px, dots.weights, dots.trust, 0.0, 24.0, 0.0, 0.0, 1.0 / 6.0, True)
+    cells, some = np.stack([fit.nodes, fit.nodes + 3]), _measured_as_designed(tape_7())
+    place = Place(
+        score=20.0, weight=-9.0, tape=0, turn=1, cells=fit.nodes, shown=np.zeros((1, 1), dtype=np.uint8), others=1e-6, lead=15.0,
+        most_said=25.0, tables=(), groups=(), turn_weights=np.array([0.4, 0.1, 0.4, 0.1]), weights=np.zeros((4, 2)),
+    )  # fmt: skip
+    found = _Places(tape=np.array([0, 1]), turn=np.array([1, 2]), cells=cells, weight=np.array([-9.0, -8.0]), nominal=np.zeros(2))
+    # symbols that could say more: other places are looked at
+    evidence = _Evidence(score=np.array([15.0, 16.0]), credit=np.array([0.0, 0.5]), q=np.full((2, 8, 4), 40.0))
+    monkeypatch.setattr(built_places, "_candidates", lambda *_: found)
+    monkeypatch.setattr(built_places, "_weighed", lambda *_: evidence)
+    kinds = (some if measured_too else None, some)
+    answer, _ = as_built(place, evidence.q[0], fit, dots.xy_px, dots, (1.5, 1.0 / 6.0), True, [tape_7(), tape_7()], kinds, ())
+    assert (answer.as_built, answer.tape, answer.turn) == (False, 0, 1)
+    own = np.exp(20.0 - 9.0) * (0.1 if measured_too else 1.0)
+    rival = 0.9 * np.exp(16.0 + 0.5 - 8.0)
+    assert answer.others * own == pytest.approx(1e-6 * np.exp(20.0 - 9.0) + rival)
+    # of single places, whatever their weights; a turn's share is none of its place
+    assert answer.lead == pytest.approx(np.log(own * np.exp(9.0) * 0.1) - np.log(0.9 * np.exp(16.5) * 0.4))
+
+
+def _measured_as_designed(tape: Tape) -> Built | None:
+    return built_of(measured(tape, 0.0)[0])
 
 
 def _some_dots(rng: np.random.Generator, count: int, noise: float) -> Dots:
