@@ -24,6 +24,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM, beliefs_of
+from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.geometry import camera as camera_of
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.survey.contacts import Contact, SeenDots
@@ -130,8 +131,7 @@ def adjust(
     count = np.bincount(part, minlength=len(touched))
     normal = None
     for turn in range(ROUNDS):
-        gel, rates = _on_gel(rows, sensor, common)
-        left, turn_rates, common_rates = _residuals(rows, gel, rates, poses, nominal_mm[touched] + shift)
+        left, turn_rates, common_rates = _residuals(rows, sensor, common, poses, nominal_mm[touched] + shift)
         variance = sigma**2 * rows.own + rows.rim_mm2
         # distance over its standard deviation, root mean square of both axes
         apart = np.sqrt((left**2).sum(axis=1) / variance / 2.0)
@@ -189,17 +189,40 @@ def _common_prior(sensor: SensorProfile) -> tuple[FloatArray, FloatArray]:
     return np.array([0.0, 0.0, 0.0, 0.0, PUSH_MM, PULL]), np.array([*sigmas, PUSH_SIGMA_MM, PULL_SIGMA])
 
 
-def _on_gel(rows: _Rows, sensor: SensorProfile, common: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Dots on the gel from the image centre, right and down (m, 2), and their derivatives by `COMMON` (6, m, 2)."""
-    scale, aspect, shear, k1, push, pull = common.tolist()
+def _residuals(
+    rows: _Rows, sensor: SensorProfile, common: FloatArray, poses: FloatArray, places_mm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Seen less modelled places (m, 2), texture frame, and the derivatives by theta (m, 2) and `COMMON` (m, 2, 6)."""
+    camera = _camera(sensor, common)
+    centre = camera.from_px(sensor.centre_px)
+    push, pull = common[4:].tolist()
+    drawn = pull * rows.pulled - push * rows.pushed
+    x, y, theta = poses[rows.contact].T
+    c, s = np.cos(theta), np.sin(theta)
+    turn = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)  # R(theta) (paper, Eq. 12)
+    turned = np.einsum("mij,mj->mi", turn, camera.from_px(rows.seen_px) - centre + drawn)
+    modelled = places_mm[rows.part] - np.stack([x, y], 1)
+    # where a dot is modelled, not where it is seen: a seen place has the dot's own error in it, which is smaller under a larger
+    # scale, so that each dot more would ask for a larger one
+    rates = _rates(np.einsum("mji,mj->mi", turn, modelled) - drawn, centre, rows, sensor, camera)
+    # dR / dtheta q = (-s q_x + c q_y, -c q_x - s q_y): R q with its components swapped and one negated
+    by_theta = np.stack([turned[:, 1], -turned[:, 0]], 1)
+    return turned - modelled, by_theta, np.einsum("mij,kmj->mik", turn, rates)
+
+
+def _camera(sensor: SensorProfile, common: FloatArray) -> Camera:
+    """The sensor's camera, changed by `COMMON`."""
+    scale, aspect, shear, k1 = common[:4].tolist()
     g = sensor.geometry
     changed = type(g)(aspect=g.aspect + aspect, shear=g.shear + shear, k1=g.k1 + k1, center_px=g.center_px)
     u, v = sensor.px_per_mm
     stretch = float(np.exp(scale))
-    camera = camera_of((u * stretch, v * stretch), (sensor.width_px, sensor.height_px), changed)
-    centre = camera.from_px(sensor.centre_px)
-    from_centre = camera.from_px(rows.seen_px)
-    q = from_centre - centre
+    return camera_of((u * stretch, v * stretch), (sensor.width_px, sensor.height_px), changed)
+
+
+def _rates(q: FloatArray, centre: FloatArray, rows: _Rows, sensor: SensorProfile, camera: Camera) -> FloatArray:
+    """Derivatives by `COMMON` of dots' places on the gel, from the image centre; (m, 2) to (6, m, 2)."""
+    from_centre = q + centre
     rates = np.zeros((len(COMMON), *q.shape))
     # q = M^-1 (straightened px), to first order in aspect, shear and k1 about the profile: a Gauss-Newton step only needs the
     # direction, residuals are exact
@@ -212,21 +235,7 @@ def _on_gel(rows: _Rows, sensor: SensorProfile, common: FloatArray) -> tuple[Flo
     )
     rates[3] = -from_centre * square + centre * of_centre
     rates[4], rates[5] = -rows.pushed, rows.pulled
-    return q - push * rows.pushed + pull * rows.pulled, rates
-
-
-def _residuals(
-    rows: _Rows, gel: FloatArray, rates: FloatArray, poses: FloatArray, places_mm: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Seen less modelled places (m, 2), texture frame, and the derivatives by theta (m, 2) and `COMMON` (m, 2, 6)."""
-    x, y, theta = poses[rows.contact].T
-    c, s = np.cos(theta), np.sin(theta)
-    turn = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)  # R(theta) (paper, Eq. 12)
-    turned = np.einsum("mij,mj->mi", turn, gel)
-    left = np.stack([x, y], 1) + turned - places_mm[rows.part]
-    # dR / dtheta q = (-s q_x + c q_y, -c q_x - s q_y): R q with its components swapped and one negated
-    by_theta = np.stack([turned[:, 1], -turned[:, 0]], 1)
-    return left, by_theta, np.einsum("mij,kmj->mik", turn, rates)
+    return rates
 
 
 class _Arm:
