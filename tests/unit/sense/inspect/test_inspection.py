@@ -105,6 +105,22 @@ def test_turns_of_several_scans_are_averaged_as_axes(turns_deg: tuple[float, ...
     assert np.allclose(apart, 0.0, atol=1e-9) and np.abs(found.turn_deg).max() <= 90.0
 
 
+@pytest.mark.parametrize(("dpi", "scanned_deg"), [(600.0, 0.7), (800.0, 90.0)])
+def test_parts_that_lie_across_are_turned_whatever_the_scan_s_resolution(
+    dpi: float, scanned_deg: float, kit_40: Kit, tmp_path: Path
+) -> None:
+    """A part across its place looks so much like the others that it fits them, badly, in the turn that they have."""
+    tape = Tape.load(kit_40.path)
+    built, turned_deg = assembled(tape, seed=5), np.array([88.0, -70.0, 90.0, -89.0, 60.0, 80.0, -85.0, 75.0])
+    across = 20 + 9 * np.arange(len(turned_deg))
+    built.turn_deg[across] = turned_deg
+    path = write(tmp_path / "scan.png", scan(tape, built, Scanner(dpi=dpi, turn_deg=scanned_deg), seed=3))
+    (one,) = inspect_scans(path, kit_40.path)
+    assert {(d.kind, d.designator) for d in one.deviations()} == {("turned", f"R{i + 1}") for i in across}
+    # a body looks the same after half a turn
+    assert np.abs((one.turn_deg[across] - turned_deg + 90.0) % 180.0 - 90.0).max() < 5.0
+
+
 @only_thorough
 def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_path: Path) -> None:
     tape = Tape.load(kit_40.path)
