@@ -299,6 +299,11 @@ def _fitted(
     k = len(part)
     point = fit.nodes + off
     grid = np.tile(fit.grid, (k, 1))
+    # the design's grid is where all dots together are: what their parts are off together, as by a film's stretch, is in it, and
+    # may be as much as a part is displaced
+    mean = np.einsum("kn,kni->ki", part, off) / np.maximum(part.sum(axis=1), 1e-300)[:, None]
+    grid[:, 2] -= grid[:, 0] * mean[:, 0] - grid[:, 1] * mean[:, 1]
+    grid[:, 3] -= grid[:, 1] * mean[:, 0] + grid[:, 0] * mean[:, 1]
     sigma = np.full(k, MOST_SIGMA)
     good = dots.weights >= GOOD_WEIGHT
     for step in range(STEPS + 1):

@@ -20,6 +20,7 @@ from tactape_fab.sense.decode.search.built_places import Built, _Evidence, _fitt
 from tactape_fab.sense.decode.search.hypotheses import distinct
 from tactape_fab.sense.decode.search.search import Place
 from tactape_fab.sense.decode.settings import Method
+from tactape_fab.texture.as_built import Film
 from tactape_fab.texture.code import TOUCH_CODE
 from tests.measured import measured
 
@@ -77,6 +78,20 @@ def test_a_file_of_another_copy_of_the_tape_falls_back_to_the_design() -> None:
     assert len(found) >= 10
     assert {fix.places for fix, _ in found} == {"nominal"}
     assert all(error < 0.06 for _, error in found)
+
+
+@pytest.mark.parametrize(("off_mm", "stretch"), [((0.16, 0.16), 1.0), ((0.0, 0.0), 1.006)])
+def test_what_parts_are_off_together_is_looked_for_where_it_is(off_mm: tuple[float, float], stretch: float) -> None:
+    """By nearly their displacement, and by a film's stretch, which is 0.5 mm at its far end."""
+    built, parts = measured(tape_7(), 0.03, error_mm=0.001)
+    assert built.as_built is not None
+    dx_mm, dy_mm = built.as_built.dx_mm + off_mm[0], built.as_built.dy_mm + off_mm[1]
+    built = replace(built, as_built=replace(built.as_built, dx_mm=dx_mm, dy_mm=dy_mm, film=Film(scale=(stretch, stretch))))
+    parts = replace(parts, xy_mm=parts.xy_mm + off_mm + (stretch - 1.0) * tape_7().part_xy_mm())
+    found = answers(Localizer(built), frames(built, parts, 20, Scene(contact_mm=(9.0, 8.0))))
+    assert len(found) == 20
+    assert {fix.places for fix, _ in found} == {"as-built"}
+    assert all(error < 0.01 for _, error in found)
 
 
 def test_what_is_not_measured_stays_as_it_was() -> None:
