@@ -116,11 +116,10 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     z[OF_ALL : OF_ALL + bundle.poses.size] = bundle.poses.ravel()
     for _ in range(_ROUNDS):
         solved = _Joint(bundle, presses, arm, np.array(which), origin, sigmas).solved(z)
-        z, left, covariance = solved
-        # as many unknowns as two transforms have are spread over the six kinds of rows
-        freedom = max(1.0 - 12.0 / (6.0 * len(which)), 0.3)
-        # what arm and gel err by is told by the residuals themselves, kind by kind; then the weights are solved with anew
-        sigmas = np.maximum(np.sqrt((left**2).mean(axis=0) / freedom), LEAST_SIGMAS)
+        z, left, freedom, covariance = solved
+        # what arm and gel err by is told by the residuals themselves, kind by kind; then the weights are solved with anew. The
+        # mean of the variance's posterior, of what the unknowns leave of a kind: a t distribution's covariance
+        sigmas = np.maximum(np.sqrt((left**2).sum(axis=0) / np.maximum(freedom - 2.0, 1.0)), LEAST_SIGMAS)
         rms = np.sqrt((left**2).mean(axis=0))
         if rms[:2].max() > 3.0 * MOST_LEFT_MM:  # other sizes of errors do not mend that
             break
@@ -158,8 +157,8 @@ class _Joint:
         self.count = OF_ALL + OF_PRESS * len(presses)
         self.pattern = pattern_of([len(press.weights) for press in presses], self.count)
 
-    def solved(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Solution, what is left of the arm's rows (m, 6), and the covariance of both transforms."""
+    def solved(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Solution, what is left of the arm's rows (m, 6), their degrees of freedom (6,), the covariance of both transforms."""
         held = np.concatenate([~self.problem.free, np.zeros(len(z) - len(self.problem.free), dtype=bool)])
         free = np.flatnonzero(~held)
         whole = partial(completed, z, free)
@@ -173,8 +172,13 @@ class _Joint:
         )
         at = whole(found.x)
         derivative = self.derivative(at)[:, free]
-        covariance = np.linalg.inv((derivative.T @ derivative).toarray())[-12:, -12:]
-        return at, self.arm_rows(at)[: 6 * len(self.which)].reshape(-1, 6) * self.sigmas, covariance
+        covariance = np.linalg.inv((derivative.T @ derivative).toarray())
+        first, count = self.pattern[1].size - 1, 6 * len(self.which)
+        arm = derivative[first : first + count].toarray()
+        # what the unknowns take of each row: the diagonal of J C J^T, 1 of a row that says only what they are
+        taken = np.einsum("ij,jk,ik->i", arm, covariance, arm).reshape(-1, 6)
+        left = self.arm_rows(at)[:count].reshape(-1, 6) * self.sigmas
+        return at, left, (1.0 - taken).sum(axis=0), covariance[-12:, -12:]
 
     def rows(self, z: FloatArray) -> FloatArray:
         return np.concatenate([rows_of(self.problem, self.white, z[:-12])[0], self.arm_rows(z)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,20 +14,20 @@ from tactape_fab import SpecError
 from tactape_fab.sense import ArmPose, Calibration, calibrate_sensor
 from tactape_fab.sense.calibrate import calibration
 from tactape_fab.sense.calibrate.adjust import Bundle
-from tactape_fab.sense.calibrate.hand_eye import HandEye, find_hand_eye, matrix_of, on_tape
+from tactape_fab.sense.calibrate.hand_eye import HandEye, _Joint, find_hand_eye, matrix_of, on_tape
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
-from tests.thorough import costly
+from tests.thorough import costly, only_thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
 
 ON_FLANGE = matrix_of(np.array([5.0, -3.0, 80.0, *Rotation.from_euler("xyz", [2, -3, 30], degrees=True).as_rotvec()]))
 IN_BASE = matrix_of(np.array([400.0, 100.0, 20.0, *Rotation.from_euler("xyz", [1, 2, -70], degrees=True).as_rotvec()]))
 
 
-def arm_poses(poses: FloatArray, tilt_rad: float = 0.01) -> list[ArmPose]:
+def arm_poses(poses: FloatArray, tilt_rad: float = 0.01, seed: int = 5) -> list[ArmPose]:
     """Poses of the flange that see the presses, with the errors of an arm and a gel."""
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     seen = on_tape(np.column_stack([poses[:, :2], np.radians(poses[:, 2])]), np.array(TAPE.board.texture_origin_mm))
     off = rng.standard_normal((len(poses), 6)) * (0.03, 0.03, 0.1, tilt_rad, tilt_rad, 0.001)
     made = [IN_BASE @ p @ matrix_of(e) @ np.linalg.inv(ON_FLANGE) for p, e in zip(seen, off, strict=True)]
@@ -94,6 +95,37 @@ def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
     assert any("how far the sensor reaches out" in remark for remark in found.remarks)
     off = np.linalg.inv(ON_FLANGE) @ found.sensor_to_flange
     assert np.abs(off[:2, 3]).max() < 0.2
+
+
+def test_errors_of_arm_and_gel_are_told_by_what_the_unknowns_leave_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two transforms take twelve of all rows, not alike of each kind: what a kind has left, and two less, says its variance."""
+    solved_from()  # once, before solves are looked at
+    solves, solved_once = [], _Joint.solved
+
+    def solve(joint: _Joint, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        solves.append((joint.sigmas, solved_once(joint, z)))
+        return solves[-1][1]
+
+    monkeypatch.setattr(_Joint, "solved", solve)
+    solved_again(arm_poses(presses().poses)[:7])
+    for (_, (_, left, freedom, _)), (sigmas, _) in pairwise(solves):
+        assert freedom.sum() == pytest.approx(6 * 7 - 12, abs=0.5)  # x, y and turn of a press are known far better
+        assert (freedom < 6.5).all() and freedom.min() < 4.5
+        assert sigmas == pytest.approx(np.sqrt((left**2).sum(axis=0) / np.maximum(freedom - 2.0, 1.0)))
+
+
+@only_thorough
+@pytest.mark.parametrize("count", [7, 10])
+def test_both_transforms_are_off_as_far_as_is_said(count: int) -> None:
+    squares = []
+    for seed in range(30):
+        found = solved_again(arm_poses(presses().poses, seed=seed)[:count])
+        off = []
+        for answer, truth in ((found.sensor_to_flange, ON_FLANGE), (found.tape_to_base, IN_BASE)):
+            change = np.linalg.inv(truth) @ answer
+            off += [*change[:3, 3], *Rotation.from_matrix(change[:3, :3]).as_rotvec()]
+        squares.append(float(np.array(off) @ np.linalg.solve(found.covariance, np.array(off))) / 12)
+    assert 0.6 < np.mean(squares) < 1.5
 
 
 def test_few_poses_are_refused() -> None:
