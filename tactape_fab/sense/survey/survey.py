@@ -184,12 +184,19 @@ def _surveyed(
 
 
 def _sigma_before(sigma_mm: FloatArray, before: AsBuilt | None) -> FloatArray:
-    """How well parts are known before; NaN of those that nobody measured, and of which too few others were to say it."""
-    unknown = sigma_mm == 0.0
+    """How well parts are known before, each alone; NaN of those that nobody measured, and of which too few others were to say it.
+
+    What neighbours are wrong by together is left out: as an error of each part it would count as known better the more parts
+    there are, and no contact shows it. It is in the result as it was before (`_as_built`).
+    """
+    unknown, alone = sigma_mm == 0.0, sigma_mm.copy()
     if before is not None:
-        unknown[before.number - 1] = False
+        at = before.number - 1
+        unknown[at] = False
+        # a part that the last survey did not show has a standard deviation from before it, and no part is its drift alone
+        alone[at] = np.sqrt(np.maximum(sigma_mm[at] ** 2 - before.drift_mm**2, sigma_mm[at] ** 2 / 4.0))
     # 0.1 um at least: a part that is called exact would have an infinite weight
-    return np.where(unknown, np.nan, np.maximum(sigma_mm, 1e-4))
+    return np.where(unknown, np.nan, np.maximum(alone, 1e-4))
 
 
 def _refuse_number(contacts: int, frames: int) -> None:
@@ -264,12 +271,15 @@ def _as_built(
     at = adjusted.part
     listed[at], present[at] = True, True
     d[at] = adjusted.shift_mm * (1.0, -1.0) - stretch[at]
-    # the adjusted sigma holds drift once, and DRIFT_ERROR times of it are meant: s^2 + (f^2 - 1) d^2
-    sigma[at] = np.hypot(adjusted.sigma_mm, np.sqrt(DRIFT_ERROR**2 - 1.0) * adjusted.drift_mm)
+    # the adjusted sigma holds drift once, and DRIFT_ERROR times of it are meant: s^2 + (f^2 - 1) d^2; and that from before
+    drift_before_mm = 0.0 if before is None else before.drift_mm
+    added = np.hypot(np.sqrt(DRIFT_ERROR**2 - 1.0) * adjusted.drift_mm, drift_before_mm)
+    sigma[at] = np.hypot(adjusted.sigma_mm, added)
+    drift_mm = float(np.hypot(DRIFT_ERROR * adjusted.drift_mm, drift_before_mm))
     gone = _missing(contacts, at, n)
     listed[gone], present[gone], d[gone], sigma[gone], rotation[gone] = True, False, 0.0, 0.0, 0.0
     number = np.flatnonzero(listed) + 1
-    entry = {"kind": "survey", "frames": frames, "contacts": len(contacts), "drift_mm": round(DRIFT_ERROR * adjusted.drift_mm, 6)}
+    entry = {"kind": "survey", "frames": frames, "contacts": len(contacts), "drift_mm": round(drift_mm, 6)}
     return AsBuilt(
         tape=tape.name,
         manifest_sha256=manifest_digest(manifest),

@@ -231,3 +231,19 @@ def test_no_file_of_measured_places_is_read_twice(tmp_path: Path) -> None:
         return built.sigma_mm[np.isin(built.number, common)]
 
     assert np.median(sigma(second)) < np.median(sigma(first))
+
+
+def test_a_survey_that_is_continued_is_as_sure_as_it_is_right(tmp_path: Path) -> None:
+    """What neighbours are wrong by together is no error of each: no number of parts makes it smaller, and no contact shows it."""
+    truth, learn, _ = pressed(80)
+    tape, sures, nominal_mm = small_tape(), [], small_tape().part_xy_mm()
+    for k in range(0, 80, 20):
+        found = surveyed(tmp_path, learn[k : k + 20], tape)
+        tape, off_mm, part = replace(small_tape(), as_built=found.as_built), errors(found, truth), found.adjusted.part
+        sigma_mm = tape.built_parts().sigma_mm[part]
+        near = np.hypot(*(nominal_mm[part][:, None] - nominal_mm[part]).transpose(2, 0, 1)) < 4.0
+        together_mm = np.stack([off_mm[of].mean(axis=0) for of in near])
+        assert np.sqrt((together_mm**2).mean()) < 1.5 * found.as_built.drift_mm
+        assert (off_mm**2 / sigma_mm[:, None] ** 2).mean() < 2.0
+        sures.append(float(np.median(found.adjusted.sigma_mm)))
+    assert sures == sorted(sures, reverse=True)
