@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -191,16 +191,19 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
         differs = _end_difference(view.picture, film.warp, tape, palette, sites[gone])
         upright[gone] = (bodies.area[gone] > _UPRIGHT_AREA) | (differs > _UPRIGHT_DIFFERENCE)
     foreign = find_foreign(view.picture, film.warp, tape, palette, (sites + bodies.shift_mm)[there], bodies.turn_deg[there])
-    growth = None
+    growth, common_mm = None, 0.0
     if photo:
-        bodies, growth = without_parallax(bodies, sites, there & (bodies.misfit <= COVERED))
+        alone = bodies
+        bodies, growth = without_parallax(alone, sites, there & (alone.misfit <= COVERED))
+        # what is lost of the placement's own mean and growth is lost of all parts together
+        common_mm = float(np.sqrt((bodies.sigma_mm**2 - alone.sigma_mm**2).mean()))
     return _Measured(
         view=view,
         warp=film.warp,
         bodies=bodies,
         upright=upright,
         foreign_mm=foreign,
-        facts=_facts(view, film.warp, film.sigma_mm, growth),
+        facts=replace(_facts(view, film.warp, film.sigma_mm, growth), common_mm=common_mm),
     )
 
 

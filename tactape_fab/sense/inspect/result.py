@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import hypot
 from typing import Any, Literal
 
 import numpy as np
@@ -52,6 +53,7 @@ class ScanFacts:
     """Figures of one scan: nominal dpi (None where nobody says), scale, skew, line shifts, and residuals of the lands.
 
     ``px_per_mm`` and ``shear`` hold scanner and film together. ``growth`` is that of a photograph's parallax; None for a scan.
+    ``common_mm`` is the standard deviation, along each axis, of what all parts are wrong by together as it was taken out.
     """
 
     name: str
@@ -62,6 +64,7 @@ class ScanFacts:
     film_sigma_um: float
     found_by: Literal["tag", "code", "neighbour"]
     growth: float | None = None
+    common_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -195,6 +198,6 @@ def _source(scan: ScanFacts) -> Mapping[str, Any]:
         "jitter_um": round(scan.jitter_um, 2),
         "lands_um": round(scan.film_sigma_um, 2),
         "found_by": scan.found_by,
-        "drift_mm": DRIFT_MM,
+        "drift_mm": round(hypot(DRIFT_MM, scan.common_mm), 6),
         **({} if scan.growth is None else {"photo": True, "parallax_per_mm": round(scan.growth, 6)}),
     }

@@ -16,6 +16,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.make.panel import PanelKit
 from tactape_fab.sense import Inspection, inspect_scans
 from tactape_fab.sense.inspect.inspection import _merged
+from tactape_fab.sense.inspect.result import DRIFT_MM
 from tactape_fab.sense.inspect.wanted import WantedTape
 from tactape_fab.texture.as_built import AsBuilt, manifest_digest
 from tactape_fab.texture.manifest import read_any_manifest
@@ -170,6 +171,15 @@ def test_scatter_of_the_parts_makes_no_photograph_of_a_scan(kit_40: Kit, tmp_pat
     built = assembled(tape, sigma_mm=0.1, missing=4, seed=1)
     (one,) = inspect_scans(write(tmp_path / "scan.png", scan(tape, built, Scanner(dpi=700), seed=1)), kit_40.path)
     assert one.scans[0].growth is None and np.abs(errors_um(one, built).mean(axis=0)).max() < 4.0
+
+
+@pytest.mark.parametrize("photo", [False, True])
+def test_what_a_photograph_loses_of_all_parts_together_is_their_drift(photo: bool, scanned: Scanned) -> None:
+    """Of n parts that scatter by s the mean is off by s / sqrt(n), and the growth moves the mean part by half of that square."""
+    (one,) = inspect_scans(scanned.path, scanned.kit, photo=photo)
+    scatter_mm, n = np.hypot(*one.scatter_mm) / np.sqrt(2.0), one.present.sum()
+    lost_mm = scatter_mm * np.sqrt(1.5 / n) if photo else 0.0
+    assert one.as_built().drift_mm == pytest.approx(np.hypot(DRIFT_MM, lost_mm), rel=0.15)
 
 
 @only_thorough
