@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _NS = 1_000_000_000
 _DIAGNOSED_S, _PATIENCE_S, _SAID_EACH_S = 1.0, 0.1, 10.0
 _UNUSABLE = "image unusable"
+_MOST_STAMPS = 10_000
+"""Images whose stamps are kept: one that cannot be used, of another size, gets no answer, and a sensor may send nothing else."""
 _OK, _WARN, _STALE = b"\x00", b"\x01", b"\x03"
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 PARAMETERS: Mapping[str, Any] = {
@@ -153,6 +155,10 @@ class _Served:
             return
         # whole ns beside the frame: its float of seconds would not give them back
         self._stamps[number] = stamp
+        if len(self._stamps) > _MOST_STAMPS:
+            # in one call, as the other thread deletes as well
+            for old in list(self._stamps)[: _MOST_STAMPS // 2]:
+                self._stamps.pop(old, None)
         self._queue.put(Frame(number=number, image=depth, timestamp=stamp / _NS))
 
     def _frames(self, stop: Event) -> Iterator[Frame | Trouble]:
@@ -180,7 +186,7 @@ class _Served:
         stamp = self._stamps[located.frame]
         # frames that were dropped get no answer; their stamps go with the next one's
         for number in [number for number in list(self._stamps) if number <= located.frame]:
-            del self._stamps[number]
+            self._stamps.pop(number, None)
         self._send(self._answers, self._ros.text, text_message(located.frame, located.fix))
         message = pose_message(located.fix, stamp, self._frame_id)
         if message is None:  # not located: no pose, and no transform, rather than a guess

@@ -27,6 +27,7 @@ from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import main
 from tactape_fab.sense import image_message, simulate_frames
 from tactape_fab.sense.files.image_message import PIXELS, depth_of
+from tactape_fab.sense.live import ros2_node
 from tactape_fab.sense.live.messages import UNMEASURED
 from tactape_fab.sense.live.ros2_node import PARAMETERS, run_ros2_node
 from tactape_fab.sense.live.ros2_package import DEPENDENCIES, MEANINGS, package_files
@@ -319,6 +320,20 @@ def test_images_that_cannot_be_used_are_said(default_kit: Kit, monkeypatch: pyte
     assert "encoding is 'rgb8'" in node.warnings[0] and "(24, 320)" in node.warnings[1] and "holes" in node.warnings[2]
     (health,) = node.of("/diagnostics")
     assert health.status[0].level == 1 and {"unusable": "2"}.items() <= {v.key: v.value for v in health.status[0].values}.items()
+
+
+def test_images_that_never_get_an_answer_leave_no_stamps_behind(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros2_node, "_MOST_STAMPS", 10)
+    kept: list[int] = []
+
+    def spin(node: Node) -> None:
+        for k in range(50):
+            node.callback(depth_message(STORES["humble"], np.zeros((24, 320), dtype=np.float32), STAMP + k))
+            kept.append(len(node.callback.__self__._stamps))
+        raise KeyboardInterrupt
+
+    run(monkeypatch, spin, kits=[str(default_kit.path)])
+    assert max(kept) == 10
 
 
 def test_parameters_that_cannot_be_used_are_said_together(monkeypatch: pytest.MonkeyPatch) -> None:
