@@ -18,6 +18,7 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.render.preview import MOST_PX
+from tactape_fab.texture.as_built import Film
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
 from tactape_fab.verify.files import (
     _ATTRIBUTES,
@@ -335,6 +336,11 @@ def test_measured_places_beside_a_manifest_are_told_and_those_of_another_fail(tm
             f"64 of 64 parts measured by {said}: 1 missing, the others 35.4 um off the design (rms per axis); on the mean "
             "50.0 um, by which they move every position; nothing in the kit vouches for them"
         )
+    # a film that is 1 % longer along x moves positions, too, the most in the last column
+    replace(built, **off, film=Film(scale=(1.01, 1.0))).write(file.parent)
+    (check,) = check_as_built(file, tape)[1]
+    most_um = 10.0 * tape.part_xy_mm()[:, 0].max()
+    assert f"every position, and a stretch of the film that moves them by up to {most_um:.1f} um more; " in check.message
     replace(built, manifest_sha256="0" * 64).write(file.parent)
     found, (check,) = check_as_built(file, tape)
     assert found is tape and not check.passed
