@@ -20,7 +20,7 @@ import tactape_fab
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.launch import FREECAD, PRUSA_SLICER, installed, run
 from tactape_fab.base.libraries import library
-from tactape_fab.cli.exits import answers
+from tactape_fab.cli.exits import answers, with_options
 from tactape_fab.cli.printing import echo_json, echo_lines, table_lines
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def frames_lines(found: FirstFrames) -> list[str]:
     """The findings of frames as lines: one for each frame, then faults, then the next step."""
     verdicts = {None: "", True: "located", False: "not located"}
     rows = [(str(look.frame), str(look.dots), verdicts[look.located], look.reason or "") for look in found.frames]
-    wrong = [f"wrong: {line}" for line in found.wrong] or ["nothing looks wrong"]
+    wrong = [f"wrong: {with_options(line)}" for line in found.wrong] or ["nothing looks wrong"]
     return [*table_lines(("frame", "dots", "", "reason"), rows), "", *wrong, f"next: {found.next_step}"]
 
 

@@ -117,7 +117,7 @@ def calibrate_sensor(
         rough = _turned(images, registered, rough, known, valid)
     # the order: orientation and rough scale by which frames are located at all, the camera, and only then what rests on the
     # camera
-    presses, bundle, estimate, empty = _adjusted(images, registered, rough)
+    presses, bundle, estimate, empty = _adjusted(images, registered, rough, bad)
     corner_um = corner_sigma_um(bundle)
     refuse_unspread(presses, bundle, corner_um)
     held_out = _held_out(presses, bundle, _free(bundle))
@@ -167,13 +167,17 @@ def _turned(
 
 
 def _adjusted(
-    images: Sequence[Frame], tapes: Sequence[Tape], rough: SensorProfile
+    images: Sequence[Frame], tapes: Sequence[Tape], rough: SensorProfile, bad: Sequence[str]
 ) -> tuple[list[Press], Bundle, Estimate, list[int]]:
-    """Presses, camera, errors of dots, and the frames that touch nothing: located and adjusted by turns, then by their pixels."""
+    """Presses, camera, errors of dots, and the frames that touch nothing: located and adjusted by turns, then by their pixels.
+
+    bad: What is wrong with frames, for a refusal.
+    """
     sensor, before = rough, None
+    whole = [frame_fault(image) is None for image in images]
     for _ in range(ROUNDS):
         presses, answers = located(images, tapes, sensor)
-        refuse_few(presses, answers)
+        refuse_few(presses, answers, whole, bad)
         # dots amid others alone: what the rim draws alike in all presses would count as the lens'
         kept, bundle, estimate = adjust([press.taken(press.amid) for press in presses], sensor)
         after = _corner_mm(bundle)
@@ -183,8 +187,8 @@ def _adjusted(
         before, sensor = after, replace(_with_sigmas(bundle), scale_tolerance=sensor.scale_tolerance)
     empty = [
         k
-        for k, (image, fix) in enumerate(zip(images, answers, strict=True))
-        if not fix.located and fix.status != "solid" and frame_fault(image) is None  # a constant frame has no noise to measure
+        for k, (of_whole, fix) in enumerate(zip(whole, answers, strict=True))
+        if not fix.located and fix.status != "solid" and of_whole  # a constant frame has no noise to measure
     ]
     placed = {press.frame: pose for press, pose in zip(kept, bundle.poses, strict=True)}
     fine = refined(images, [p.at(placed[p.frame]) for p in presses if p.frame in placed], bundle.sensor, tapes)
@@ -207,7 +211,7 @@ def adjust(
         kept = agreeing(presses, bundle, problem)
         # dots that do not agree may take whole presses with them
         if len(kept) < LEAST_PRESSES:
-            refuse_few(kept, [])
+            refuse_few(kept)
         problem = problem_of(kept, bundle.sensor, bundle.errors, _free(bundle))
         bundle = solve(problem)
         presses_used = kept

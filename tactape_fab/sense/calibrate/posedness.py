@@ -137,18 +137,26 @@ def unseen(images: Sequence[Frame], bad: Sequence[str], tapes: Sequence[Tape], l
     return Problem("frames", message + (f"; {'; '.join(bad[:3])}" if bad else ""))
 
 
-def refuse_few(presses: Sequence[Press], answers: Sequence[Localization]) -> None:
-    """Refuse too few presses. Raises SpecError."""
+def refuse_few(
+    presses: Sequence[Press], answers: Sequence[Localization] = (), whole: Sequence[bool] = (), bad: Sequence[str] = ()
+) -> None:
+    """Refuse too few presses. Raises SpecError.
+
+    answers: Of all frames.
+    whole: Which of them have no fault.
+    bad: What is wrong with the others.
+    """
     if len(presses) >= LEAST_PRESSES:
         return
-    reasons = Counter(fix.reason for fix in answers if not fix.located)
-    lost = f" of {len(answers)} frames ({reasons.most_common(1)[0][0]}, mostly)" if reasons else ""
+    reasons = Counter(fix.reason for fix, good in zip(answers, whole, strict=True) if good and not fix.located)
+    lost = f" of {len(answers)} frames" if len(answers) > len(presses) else ""
+    lost += f" ({reasons.most_common(1)[0][0]}, mostly)" if reasons else ""
     few = "press" if len(presses) == 1 else "presses"
     message = (
         f"only {len(presses)} {few}{lost} can be used, and a calibration needs {LEAST_PRESSES}; press the tape some ten times, "
         "anywhere on it, with the contact near each corner of the image at least once"
     )
-    raise SpecError(Problem("frames", message))
+    raise SpecError(Problem("frames", "; ".join([message, *bad[:3]])))
 
 
 def empty_corners(presses: Sequence[Press], sensor: SensorProfile) -> list[str]:
