@@ -114,7 +114,8 @@ def survey_files(
     tape = tried(lambda: Tape.load(kit, as_built=given), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
     if hand_eye is not None and poses is None:
-        problems.append(Problem("hand_eye", "hand_eye is for poses of a robot, and none are given; give --poses POSES.csv, too"))
+        message = f"hand_eye = {shown_path(hand_eye)} is for poses of a robot, and none are given; give --poses POSES.csv, too"
+        problems.append(Problem("hand_eye", message))
     files = None if profile is None or not frames else tried(partial(open_frames, frames, profile), problems)
     count = None if files is None else sum(file.count for file in files)
     robot = [] if poses is None else tried(lambda: _robot(poses, hand_eye, tape, count), problems)

@@ -17,7 +17,7 @@ from tactape_fab.sense import Frame, Scene, iterate_frames, load_sensor
 from tactape_fab.sense.survey.adjust import Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, contact_of, ground_of
 from tactape_fab.sense.survey.poses import RobotPose
-from tactape_fab.sense.survey.survey import Survey, _surveyed
+from tactape_fab.sense.survey.survey import Survey, _surveyed, survey_files
 from tactape_fab.texture.frames import FloatArray
 from tests.measured import measured
 
@@ -211,6 +211,11 @@ def test_parts_that_a_file_does_not_list_are_not_known_before(tmp_path: Path) ->
     scatter = found.adjusted.scatter_mm
     assert scatter is not None and scatter == pytest.approx(alone.adjusted.scatter_mm, rel=0.1)
     assert np.median(found.as_built.sigma_mm) == pytest.approx(np.median(alone.as_built.sigma_mm), rel=0.1)
+
+
+def test_a_hand_eye_without_poses_is_named_as_it_was_given(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match=r"hand_eye = arm\.json is for poses of a robot, and none are given; give --poses"):
+        survey_files([], tmp_path, hand_eye="arm.json")
 
 
 def test_too_few_contacts_are_refused(tmp_path: Path) -> None:
