@@ -295,4 +295,4 @@ def _decoder_line(decoder: Decoder) -> str:
         return "compiled anew by every process: no folder can be written; set NUMBA_CACHE_DIR to one that can"
     if decoder.compiled:
         return f"compiled, in {decoder.cache}"
-    return f"not compiled yet: the first decode takes some ten seconds more; then kept in {decoder.cache}"
+    return f"not compiled yet: the first decode takes some twenty seconds more; then kept in {decoder.cache}"

@@ -31,7 +31,7 @@ def announce() -> None:
     if compiled():
         return
     if KEPT:
-        _log.warning("tactape-fab compiles its decoder, once on this machine; it takes some ten seconds")
+        _log.warning("tactape-fab compiles its decoder, once on this machine; it takes some twenty seconds")
     else:
         _log.warning(
             "tactape-fab compiles its decoder, and will each time: no folder keeps compiled functions; "
