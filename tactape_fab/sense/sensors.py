@@ -196,8 +196,8 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
 
 def _examine_lens(profile: SensorProfile, table: Fields) -> None:
     """Report a barrel distortion that shows nothing at a pixel of the image, or too near to it for the way back."""
-    k1 = profile.geometry.k1
-    if table.problems or k1 >= 0.0:
+    # a profile that a program made may have anything in its place, which is said already
+    if table.problems or (k1 := profile.geometry.k1) >= 0.0:
         return
     h, w = profile.height_px, profile.width_px
     corners = np.array([0, 0, h - 1, h - 1]), np.array([0, w - 1, 0, w - 1])
