@@ -19,7 +19,7 @@ from tactape_fab.sense.decode.located_dots import LazyDots, located_dots, strain
 from tactape_fab.sense.decode.pixels.refine import Pixels, refine
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization, status_of
-from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, Limits, bound_of, least_agreeing, share_of_others
+from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, SCALE_ERROR, Limits, bound_of, least_agreeing, share_of_others
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.sense.decode.search.search import Place, rivals, strangers
@@ -94,7 +94,7 @@ def accept_place(
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(np.count_nonzero(pose.agree))
-    reason = _refusal(p_tape, doubt, limits, agree, on.good)
+    reason = _refusal(p_tape, doubt, limits, agree, on.good) or _off_scale(pose.px_per_mm, view)
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
     drawn = False
@@ -238,6 +238,21 @@ def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int
     if agree < least_agreeing(good):
         return f"only {agree} of {good} dots agree with the place that their symbols name"
     return None
+
+
+def _off_scale(px_per_mm: float, view: View) -> str | None:
+    """Reason why a scale is not that of the tapes and the sensor; None if it may be.
+
+    Symbols say nothing of a pitch: a tape of another W is one of these at another scale, and its places are off by that share.
+    """
+    off = px_per_mm / view.px_per_mm - 1.0
+    if abs(off) <= view.scale_tolerance + SCALE_ERROR:
+        return None
+    w_mm = view.pitch_mm * (1.0 + off)
+    return (
+        f"the tape is seen at {px_per_mm:.4g} px/mm, {off:+.1%} off the sensor profile's {view.px_per_mm:g}, which is right to "
+        f"{view.scale_tolerance:.1%}: another scale, or a tape of W {w_mm:.3g} mm"
+    )
 
 
 def _described(

@@ -41,6 +41,9 @@ LEAST_DOTS = 6
 most 4^6 = 4,096, less than 1 / `MAX_P_FALSE`: fewer are not searched."""
 GOOD_TRUST = 0.5
 """A dot of more trust is more likely a part than noise; of those on the tape half must agree with the pose (chosen)."""
+SCALE_ERROR = 0.03
+"""Share by which an answer's scale may be off beyond `View.scale_tolerance`: films stretch by up to 1 %, contacts on a cylinder
+seem narrower by as much, and scales of small ones are off by 1 %. A tape of another W is seen as one at another scale."""
 AGREE_SIGMAS = 3.5
 """A dot agrees within so many standard deviations of one axis: of two normal components 0.2 % of the right ones do not."""
 

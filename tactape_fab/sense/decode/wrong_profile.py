@@ -79,8 +79,8 @@ def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots]
         and off > seen.view.scale_tolerance + CLEARLY_OFF
         and _as_of_a_tape(seen, raw, pitch_px)
     ):
-        scale, w_mm = _scale(seen, pitch_px / seen.view.pitch_mm), pitch_px / seen.view.px_per_mm
-        said = f"{_found(seen, pitch_px)}; set {scale} in the sensor profile, or name a tape of W {w_mm:.3g} mm if it is one"
+        scale = _scale(seen, pitch_px / seen.view.pitch_mm)
+        said = f"{_found(seen, pitch_px)}; set {scale} in the sensor profile, {_another_tape(seen, pitch_px)}"
     return said
 
 
@@ -105,7 +105,7 @@ def _off_scale(seen: Seen, raw: Dots, pitch_px: float) -> str | None:
     found = _decoded_at(seen, raw, pitch_px)
     if found is None:
         return None
-    remedy = f"set {_scale(seen, found.px_per_mm)} in the sensor profile"
+    remedy = f"set {_scale(seen, found.px_per_mm)} in the sensor profile, {_another_tape(seen, pitch_px)}"
     return f"{_found(seen, pitch_px)}; it shows {_name(found)} at another scale: {remedy}"
 
 
@@ -199,6 +199,11 @@ def _found(seen: Seen, pitch_px: float) -> str:
     view = seen.view
     expected = f"W {view.pitch_mm:g} mm at the profile's {view.px_per_mm:g} px/mm is {view.pitch_px:.1f} px"
     return f"a grid of {pitch_px:.1f} px was found, {expected}"
+
+
+def _another_tape(seen: Seen, pitch_px: float) -> str:
+    """The remedy where the profile is right: no frame tells a scale from a pitch."""
+    return f"or name a tape of W {pitch_px / seen.view.px_per_mm:.3g} mm if it is one"
 
 
 def _scale(seen: Seen, px_per_mm: float | None) -> str:

@@ -21,7 +21,7 @@ from tactape_fab.sense import load_sensor, simulate
 from tactape_fab.sense.decode import wrong_profile as module
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.result import SOLID_DOTS
-from tactape_fab.sense.decode.rule import GOOD_TRUST
+from tactape_fab.sense.decode.rule import GOOD_TRUST, SCALE_ERROR
 from tactape_fab.sense.decode.wrong_profile import (
     LEAST_AXIS,
     LEAST_NEAREST,
@@ -126,6 +126,28 @@ def test_oblong_pixels_stay_oblong() -> None:
     found = re.search(r"px_per_mm = \[([\d.]+), ([\d.]+)\]", reason)
     assert found is not None, reason
     assert (float(found[1]), float(found[2])) == pytest.approx((20.0, 15.0), rel=0.01)
+
+
+@pytest.mark.parametrize("pitch_mm", [1.3, 1.7, 1.8, 1.85])
+def test_a_tape_of_another_pitch_is_not_located(localizer: Localizer, pitch_mm: float) -> None:
+    """Symbols say nothing of a pitch: it would be the registered tape at another scale, with places off by millimetres."""
+    sensor = localizer.sensor
+    other = replace(TAPE, pitch_mm=pitch_mm, displacement_mm=pitch_mm / 6)
+    for k in range(3):
+        depth = simulate(other, ((20.0 + 3.0 * k) * pitch_mm / W, 15.0), 30.0 + 20.0 * k, sensor=sensor, seed=k)
+        found = localizer.locate(depth)
+        named = re.search(r"or name a tape of W ([\d.]+) mm", str(found.reason))
+        assert not found.located and named and float(named[1]) == pytest.approx(pitch_mm, rel=0.04), found.reason
+
+
+@pytest.mark.parametrize("off", [-0.08, 0.08])
+def test_a_scale_somewhat_beyond_the_tolerance_is_still_located(localizer: Localizer, off: float) -> None:
+    sensor = localizer.sensor
+    assert sensor.scale_tolerance < abs(off) < sensor.scale_tolerance + SCALE_ERROR
+    u, v = sensor.px_per_mm
+    depth = simulate(TAPE, (20.0, 15.0), 30.0, sensor=replace(sensor, px_per_mm=(u * (1.0 + off), v * (1.0 + off))), seed=1)
+    found = localizer.locate(depth)
+    assert found.located and found.px_per_mm == pytest.approx(u * (1.0 + off), rel=0.005)
 
 
 def test_a_fixed_scale_that_is_off_is_named() -> None:
