@@ -291,6 +291,7 @@ def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
     limit_self(cpu_s=_LOADING_S, memory_bytes=memory_bytes)
     library("build123d", "emboss")
     from tactape_fab.solids.surface.part_step import FaceChart, read_step_solid
+    from tactape_fab.solids.surface.step_fuse import embossed_step
 
     limit_self(cpu_s=STEP_CPU_S * megabytes, memory_bytes=memory_bytes)
     model = read_step_solid(source.data)
@@ -304,7 +305,8 @@ def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
     laid = laid_well(tape, lambda _: chart, placement)
     fused = fuse_mesh(mesh, laid, progress, chord_error_mm=model.chord_error_mm)
     stamp = build_date().replace(tzinfo=None).isoformat()
-    return _Made(laid=laid, fused=fused, face=chart.face, step=model.embossed(laid, stamp, progress))
+    step = embossed_step(model.solid, chart.surface, laid, stamp, progress)
+    return _Made(laid=laid, fused=fused, face=chart.face, step=step)
 
 
 def _artifacts(tape: Tape, made: _Made, name: str) -> list[Artifact]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, sin, tan
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from tactape_fab.solids.surface.charts import Frames
 from tactape_fab.texture.frames import FloatArray
 
 Kind = Literal["plane", "cylinder", "cone"]
@@ -62,6 +63,23 @@ class Developable:
         if self.kind == "cylinder":
             return self._on_cylinder(uv, flat_mm)
         return self._on_cone(uv, flat_mm)
+
+    def heights(self, frames: Frames, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+        """Height of the surface over the tangent planes of places on it, at points of these planes; each (n, k)."""
+        if self.kind == "plane":
+            return np.zeros(x_mm.shape)
+        start = (frames.points_mm - self.origin_mm) @ self.axes.T
+        x, y, z = (axes @ self.axes.T for axes in (frames.x_axis, frames.y_axis, frames.normal))
+        point = start[:, None] + x_mm[:, :, None] * x[:, None] + y_mm[:, :, None] * y[:, None]
+        # along the normal n from a point p the surface is where X^2 + Y^2 = (R + t Z)^2, a h^2 + 2 b h + c = 0
+        slope = tan(self.half_angle_rad)
+        radius, turned = self.radius_mm + slope * point[:, :, 2], slope * z[:, None, 2]
+        a = (z[:, None, :2] ** 2).sum(axis=2) - turned**2
+        b = (point[:, :, :2] * z[:, None, :2]).sum(axis=2) - radius * turned
+        c = (point[:, :, :2] ** 2).sum(axis=2) - radius**2
+        # the root near 0, without the difference of nearly equal numbers
+        height: FloatArray = -c / (b + np.copysign(np.sqrt(np.maximum(b**2 - a * c, 0.0)), b))
+        return height
 
     def _on_plane(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
         end = uv + flat_mm

@@ -7,25 +7,20 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
-from math import copysign, sqrt
+from math import copysign
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError
-from tactape_fab.solids.elements import sphere_radius_mm
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import Frames, Placement, board_x, nearest
 from tactape_fab.solids.surface.developed import Developable, Kind, Places
-from tactape_fab.solids.surface.fuse import Progress
 from tactape_fab.solids.surface.part_files import closed_mesh, welded
 from tactape_fab.solids.surface.part_mesh import refuse_no_point, refuse_off_surface
-from tactape_fab.solids.surface.place import LaidOut
 from tactape_fab.solids.surface.threemf_file import MOST_FACES
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.texture.part import TapePart
 
 _CHORD_ERROR_MM = (0.002, 0.01)
 
@@ -81,51 +76,6 @@ class StepModel:
             rows.append(f"{i} {kind} {self.faces[i].area:.1f} mm2 at {centre.X:.2f},{centre.Y:.2f},{centre.Z:.2f}")
         return f"the solid has {len(self.faces)} faces, 0 to {len(self.faces) - 1}; the largest: " + "; ".join(rows)
 
-    def embossed(self, laid: LaidOut, timestamp: str, progress: Progress = lambda *_: None) -> bytes:
-        """The solid fused with the elements, as a STEP file dated `timestamp` (ISO 8601).
-
-        Raises TactapeError when the result is not one valid solid of the expected volume.
-        """
-        import build123d as bd
-
-        element = _element(laid.tape.part, float(laid.sink_mm.max()))
-        frames = laid.elements
-        tools = [
-            element.moved(bd.Location(bd.Plane(origin=tuple(p), x_dir=tuple(x), z_dir=tuple(n))))
-            for p, x, n in zip(frames.points_mm.tolist(), frames.x_axis.tolist(), frames.normal.tolist(), strict=True)
-        ]
-        fused = self.solid
-        with bd.SkipClean():  # cleaning would join the user's own faces too
-            for start in range(0, len(tools), _AT_ONCE):
-                progress("fusing STEP", start, len(tools))
-                fused = fused.fuse(*tools[start : start + _AT_ONCE])
-        progress("checking STEP", len(tools), len(tools))
-        self._refuse_wrong(fused, laid)
-        progress("writing STEP", len(tools), len(tools))
-        return _written(fused.solids()[0], timestamp)
-
-    def _refuse_wrong(self, fused: Any, laid: LaidOut) -> None:
-        from OCP.BRepCheck import BRepCheck_Analyzer
-
-        problems = []
-        solids = fused.solids()
-        if len(solids) != 1:
-            problems.append(f"it falls into {len(solids)} solids")
-        # OCCT's fuse may be valid and wrong: volume, solids and faces are all counted
-        expected = float(self.solid.volume + laid.volume_mm3.sum())
-        allowed = float(laid.volume_error_mm3.sum()) + _VOLUME_ERROR * expected
-        if abs(fused.volume - expected) > allowed:
-            problems.append(f"it has {fused.volume:.4f} mm3 instead of {expected:.4f} mm3")
-        # an element adds its own faces and a hole in the user's face, which stays one
-        faces = len(self.faces) + laid.tape.part_count * _faces_of(laid.tape.part)
-        if len(fused.faces()) != faces:
-            problems.append(f"it has {len(fused.faces())} faces instead of {faces}")
-        if not BRepCheck_Analyzer(fused.wrapped).IsValid():
-            problems.append("OCCT finds it invalid")
-        if problems:
-            remedy = "move the texture a little, or export the part as STL and emboss that"
-            raise TactapeError(f"the fused STEP solid is wrong: {', '.join(problems)}; {remedy}")
-
 
 def read_step_solid(data: bytes) -> StepModel:
     """Read a STEP file of one solid. Raises SpecError when it cannot be read, or holds no solid or several."""
@@ -171,46 +121,6 @@ def _quiet_kernel() -> Iterator[None]:
     finally:
         for printer in printers:
             messenger.AddPrinter(printer)
-
-
-def _written(solid: Any, timestamp: str) -> bytes:
-    import build123d as bd
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "solid.step"
-        if not bd.export_step(solid, path, write_pcurves=False, timestamp=timestamp):
-            raise TactapeError("OCCT cannot write the fused solid as STEP; export the part as STL and emboss that")
-        return path.read_bytes()
-
-
-def _element(part: TapePart, sink_mm: float) -> Any:
-    """One element as an exact solid in its own frame, its sides down to `sink_mm` below its foot."""
-    import build123d as bd
-
-    length, width, height = part.body_mm
-    if part.shape == "block":
-        box = bd.Solid.make_box(length, width, height + sink_mm)
-        return box.moved(bd.Location((0, 0, 0), (0, 0, part.rotation_deg)) * bd.Location((-length / 2, -width / 2, -sink_mm)))
-    # the flank goes on below the foot: a rim at the foot's height would touch a cylinder in two points, which OCCT gets wrong
-    top = 0.0 if part.top_mm is None else part.top_mm / 2
-    if part.top_mm is not None:
-        below, rim = sink_mm, length / 2 + (length / 2 - top) / height * sink_mm
-        flank = bd.Edge.make_line((rim, 0, -below), (top, 0, height))
-    else:
-        sphere, middle = sphere_radius_mm(part), height - sphere_radius_mm(part)
-        # not below the sphere's equator, where the flank would lean inward: straight down from there
-        below = min(sink_mm, -middle)
-        rim, waist = sqrt(sphere**2 - (below + middle) ** 2), (height - below) / 2
-        on_flank = (sqrt(sphere**2 - (waist - middle) ** 2), 0, waist)
-        flank = bd.Edge.make_three_point_arc((rim, 0, -below), on_flank, (0, 0, height))
-    corners = [(top, height), (0.0, height), (0.0, -sink_mm), (rim, -sink_mm), (rim, -below)]
-    lines = [bd.Edge.make_line((a[0], 0, a[1]), (b[0], 0, b[1])) for a, b in pairwise(corners) if a != b]
-    return bd.Solid.revolve(bd.Face(bd.Wire([flank, *lines])), 360, bd.Axis.Z)
-
-
-def _faces_of(part: TapePart) -> int:
-    """Faces of an element that show above the surface."""
-    return 5 if part.shape == "block" else 1 if part.top_mm is None else 2
 
 
 def _kind(face: Any) -> str:
