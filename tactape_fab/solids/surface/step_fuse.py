@@ -1,4 +1,4 @@
-"""A STEP solid and the elements of a texture as one solid: fused by OCCT through build123d, and the proof of what it did."""
+"""A STEP solid and the elements of a texture as one solid: fused by OCCT through build123d, and held against exact volumes."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _set_flank(face: Any, flank: Any) -> None:
 
 
 def _problems(solid: Any, fused: Any, laid: LaidOut, expected_mm3: FloatArray) -> list[str]:
-    """What is wrong with a fused solid. OCCT's fuse may be valid and wrong: volume, solids and faces are all counted."""
+    """Faults of a fused solid. OCCT's fuse may be valid and wrong: volume, solids and faces are all counted."""
     from OCP.BRepCheck import BRepCheck_Analyzer
 
     problems = []
