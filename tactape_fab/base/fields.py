@@ -21,7 +21,7 @@ def shown(value: object) -> str:
     """A value as text for a message: one short line."""
     try:
         text = re.sub(r"\s*\n\s*", " ", repr(value))  # as arrays have
-    except ValueError:  # an integer of thousands of digits (sys.int_info)
+    except (ValueError, RecursionError):  # an integer of thousands of digits (sys.int_info), or tables within tables
         text = f"<{type(value).__name__} too long to show>"
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
 

@@ -22,8 +22,14 @@ T = TypeVar("T")
 _PROFILE_BYTES = 1024 * 1024
 _MOST_PARTS = 64
 """Of a dotted key: the parser keeps every table on the way to it, and takes gigabytes for 100,000 parts."""
-# a quoted or bare part, a dot with blanks around it, a comment, or anything else, which ends a key
-_TOKENS = re.compile(r"""(?P<part>"(?:\\.|[^"\\])*"?|'[^']*'?|[\w-]+)|(?P<dot>[ \t]*\.[ \t]*)|#.*|.""")
+# a string over lines, which is no part of a key; a quoted or bare part; a dot with blanks around it; a comment; blanks, or
+# anything else, which end a key
+_TOKENS = re.compile(
+    r'''"""(?:[^"\\]+|\\.|"(?!""))*(?:"{3,5})?|'''
+    r"""'''(?:[^']+|'(?!''))*(?:'{3,5})?|"""
+    r"""(?P<part>"(?:[^"\\\n]+|\\[^\n])*"?|'[^'\n]*'?|[\w-]+)|(?P<dot>[ \t]*\.[ \t]*)|#[^\n]*|[ \t]+|[^\w"'#. \t-]+""",
+    re.DOTALL,
+)
 
 
 def templates_folder() -> Path:
@@ -69,18 +75,18 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         raise SpecError(Problem(key, message))
     try:
         text = data.decode("utf-8-sig")
-        # most lines have few dots: tokens are looked at where a key could be too long at all
-        if any(line.count(".") >= _MOST_PARTS and _parts(line) > _MOST_PARTS for line in text.splitlines()):
+        # a key ends with its line, and a line of TOML with "\n" alone: tokens are looked at where a key could be too long at all
+        if any(line.count(".") >= _MOST_PARTS for line in text.split("\n")) and _parts(text) > _MOST_PARTS:
             raise ValueError(f"a key has more than {_MOST_PARTS} parts, with dots between them")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} is not TOML: {error}; correct it")) from error
 
 
-def _parts(line: str) -> int:
-    """Most parts of a dotted key in a line, quoted or bare; a string counts as one."""
+def _parts(text: str) -> int:
+    """Most parts of a dotted key in a text, quoted or bare; a string counts as one."""
     most = parts = 0
-    for token in _TOKENS.finditer(line):
+    for token in _TOKENS.finditer(text):
         parts = parts + 1 if token.lastgroup == "part" else parts if token.lastgroup == "dot" else 0
         most = max(most, parts)
     return most

@@ -174,6 +174,10 @@ def test_shown_values_stay_on_one_short_line() -> None:
     assert shown("a\nb") == "'a\\nb'"
     assert len(shown("x" * 10_000)) <= 60
     assert len(shown(list(range(10_000)))) <= 60
+    deep: list[Any] = []
+    for _ in range(5000):  # as a key of many parts
+        deep = [deep]
+    assert shown(deep) == "<list too long to show>"
 
 
 @settings(deadline=None, derandomize=True, max_examples=300)
