@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import click
@@ -20,7 +21,7 @@ from tactape_fab.cli.printing import echo_line, rule_lines
 # sign with a flag's or a list's text, or words that mean the value
 _KEY = re.compile(
     r"(?<![\w.'-])(?:scene\.)?(\w+?)(?:\[(\d+)\])?(\[\d+\])?"
-    r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]*\]))|(?= = | contradicts | is of ))"
+    r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]{0,200}\]))|(?= = | contradicts | is of ))"
 )
 """A key of the package in a message, with the value of a flag or a list."""
 _ARGUMENT = re.compile(r"(?<= )(\w+)=(?:'([\w-]+)'|([\w.-]+(?:,[\w.-]+)*))|(?<=give another )(\w+)")
@@ -30,6 +31,8 @@ _KITS = re.compile(r"(?:name the tape's|give (?:its|the|one of its)) kits?\b(?! 
 _PART = "\0"
 """Behind the whole value that was typed, where a message is of a part of it: ``--size = '0x50': 0 mm is not above 0 mm``."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
+_MOST_CHARACTERS = 4000
+"""Of a problem that are printed, and looked at: a key of a hostile file has a megabyte."""
 _MOST_LINES = 200
 """Problems that are printed: a hostile file has one in each of 300,000 rows."""
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
@@ -89,6 +92,16 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     return _KEY.sub(option, line).replace(f"{_PART} = ", " ").replace(f":{_PART}", "")
 
 
+def _within(line: str) -> str:
+    """A message without what makes it too long; its end, which says the remedy, is kept."""
+    more = len(line) - _MOST_CHARACTERS
+    return (
+        line
+        if more <= 0
+        else f"{line[: _MOST_CHARACTERS // 2]} ... ({more} more characters) ... {line[-_MOST_CHARACTERS // 2 :]}"
+    )
+
+
 def with_options(line: str) -> str:
     """A message with options in place of arguments that its remedy names: ``--world open``; kits by ``--tape``."""
     context = click.get_current_context(silent=True)
@@ -119,11 +132,12 @@ def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = No
     """
 
     def said(lines: Iterable[str]) -> list[str]:
-        return [_as_typed(line, typed or {}) for line in lines]
+        return [_as_typed(_within(line), typed or {}) for line in lines]
 
     match error:
         case SpecError():
-            problems = [p.message if p.of_file else _as_typed(_as_in_file(p, typed or {}), typed or {}) for p in error.problems]
+            short = [replace(p, message=_within(p.message)) for p in error.problems]
+            problems = [p.message if p.of_file else _as_typed(_as_in_file(p, typed or {}), typed or {}) for p in short]
             return USAGE, [*problems, *said(rule_lines(error.findings))]
         case DesignRuleError():
             return RULES, said(rule_lines(error.findings))

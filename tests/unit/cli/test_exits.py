@@ -5,13 +5,15 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from time import process_time
 
 import click
 import pytest
 from click.testing import CliRunner
 
+from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.cli import main
-from tactape_fab.cli.exits import clean_up_on_signals, with_options
+from tactape_fab.cli.exits import answer, clean_up_on_signals, with_options
 
 HANGUP = getattr(signal, "SIGHUP", signal.SIGTERM)
 """Windows has none."""
@@ -39,6 +41,15 @@ def test_arguments_are_named_as_the_options_that_a_command_has(said: str, typed:
     with click.Context(COMMAND):
         assert with_options(said) == typed
     assert with_options(said) == said
+
+
+@pytest.mark.parametrize("kind", [SpecError, TactapeError])
+def test_a_message_of_a_megabyte_is_cut_before_it_is_looked_at(kind: type[TactapeError]) -> None:
+    """A name from a file: half a minute of processor time, and a line of a megabyte."""
+    before_s = process_time()
+    ((line,),) = [lines for _, lines in [answer(kind("there are: " + "a = [" * 200_000 + "; give one of them"))]]
+    assert process_time() - before_s < 1.0
+    assert len(line) < 5000 and line.startswith("there are: ") and line.endswith("; give one of them")
 
 
 @pytest.fixture
