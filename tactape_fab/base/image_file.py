@@ -22,8 +22,10 @@ _MOST_MARKERS = 1000
 _MOST_ENTRIES = 200
 _NO_FRAME = {0xC4, 0xC8, 0xCC}
 """Of the JPEG markers C0 to CF those that start no frame (ITU-T T.81, table B.1)."""
-_SHORT = 3
-"""Type of a TIFF value of two bytes."""
+_NO_SEGMENT = {0x00, 0x01, *range(0xD0, 0xDA)}
+"""JPEG markers without parameters (ITU-T T.81, table B.1), the image's begin and end among them; and a zero, which is none."""
+_WHOLE_BYTES = {3: 2, 4: 4}
+"""Size of the types of a TIFF's whole numbers, SHORT and LONG."""
 
 
 def unpacked(data: bytes, flags: str, purpose: str) -> npt.NDArray[Any] | None:
@@ -76,6 +78,9 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
         if at + 14 > len(data) or data[at] != 0xFF:
             return
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        # libjpeg goes on two bytes behind such a marker, and would find another frame than who takes what follows for a length
+        if marker in _NO_SEGMENT or (marker != 0xFF and length < 2):
+            return
         yield marker, at + 4
         # FF may stand before a marker any number of times as filling; the length counts its own two bytes
         at += 1 if marker == 0xFF else 2 + length
@@ -91,7 +96,7 @@ def jpeg_frame(marker: int, data: bytes, at: int) -> tuple[int, int, int, int] |
 class TiffDirectory:
     """The first directory of a TIFF (TIFF 6.0, section 2): numbers by their tags.
 
-    Raises SpecError, with `remedy` at its end, if the directory is too long or the file ends in it.
+    Raises SpecError, with `remedy` at its end, if the directory is too long, has a tag twice, or the file ends in it.
     """
 
     def __init__(self, data: bytes, remedy: str) -> None:
@@ -108,13 +113,18 @@ class TiffDirectory:
         self.several = any(data[end : end + 4])
         """Whether the file has a further directory."""
         self._entries = {self._number(at, 2): at for at in range(start + 2, end, 12)}
+        # libtiff takes the first of two
+        if len(self._entries) < count:
+            raise SpecError(f"its header has a tag twice; {remedy}")
 
     def value(self, tag: int, default: int = 0) -> int:
-        """A whole number, the first of several."""
+        """A whole number, the first of several. Raises SpecError if it is of another type, which libtiff may read otherwise."""
         at = self._entries.get(tag)
         if at is None:
             return default
-        size = 2 if self._number(at + 2, 2) == _SHORT else 4
+        size = _WHOLE_BYTES.get(kind := self._number(at + 2, 2))
+        if size is None:
+            raise SpecError(f"tag {tag} in its header is of type {kind}, no whole number; {self._remedy}")
         # up to four bytes stand in the entry itself
         apart = self._number(at + 4, 4) * size > 4  # then the entry holds the place of the values
         return self._number(self._number(at + 8, 4) if apart else at + 8, size)
