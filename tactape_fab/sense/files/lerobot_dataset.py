@@ -14,7 +14,7 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.files.recording_kinds import DATASET, Opened, Stamped
+from tactape_fab.sense.files.recording_kinds import DATASET, Opened, Stamped, some_of
 from tactape_fab.sense.raw.colour_images import by_number
 from tactape_fab.sense.raw.image_files import unpacked_colour, unpacked_grey
 from tactape_fab.sense.sensors import MOST_PX
@@ -49,7 +49,7 @@ def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
             else "of which feature its images are has to be said"
         )
         kinds = "images or films" if colour else "images (films lose depth) or arrays"
-        raise SpecError(f"{said}; give --topic NAME, one of {kinds}: {', '.join(usable) or 'none'}")
+        raise SpecError(f"{said}; give --topic NAME, one of {kinds}: {some_of(usable)}")
     if features[topic]["dtype"] == "video":
         return topic, False, partial(_filmed, folder, topic)
     return topic, False, partial(_rows, folder, topic, features[topic], colour)
@@ -121,6 +121,7 @@ def _filmed(folder: Path, topic: str) -> Iterator[Stamped]:
     cv2 = library("cv2", "reading a film")
     stamps = (float(value.as_py()) for batch in _batches(folder, ["timestamp"]) for value in batch.column("timestamp"))
     for path in _films(folder, topic):
+        open_regular(path).close()  # OpenCV would wait for the writer of a FIFO for ever
         capture = cv2.VideoCapture(str(path))
         try:
             if not capture.isOpened():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,11 +14,17 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
-from tactape_fab.sense.files.recording_kinds import MCAP, OTHER_BAGS, Opened, Stamped
+from tactape_fab.sense.files.recording_kinds import MCAP, OTHER_BAGS, Opened, Stamped, some_of
 from tactape_fab.sense.raw.colour_images import by_number
 
 MOST_CHUNK_BYTES = 1 << 28
 _MOST_CHANNELS = 10_000
+_MOST_UNPACKED_BYTES, _MOST_TIMES_PACKED = 1 << 30, 1000
+"""Bytes that the chunks of a file unpack to together, besides so many times its size: images without noise take 1/300 packed."""
+_MOST_RECORDS, _BYTES_OF_RECORD = 250_000, 8
+"""Records in the packed chunks of a file, besides one for so many of its bytes. The shortest message takes 31 bytes unpacked."""
+_RECORD_BEGIN = 9
+"""Bytes before the content of a record: its kind, and its length in eight bytes, the lowest first (MCAP 0, "Records")."""
 _OURS = "tactape-fab "
 """Begin of one of the programs in a file's header: mcap's own tools put themselves before what was there ("mcap go #v1; ...")."""
 
@@ -45,7 +52,7 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
     if topic is None and len(topics) == 1:
         topic = next(iter(topics))
     if topic not in topics:
-        there = ", ".join(topics) or "none"
+        there = some_of(topics)
         said = f"--topic {shown(topic)} is no topic of images in it" if topic else "of which topic its images are has to be said"
         raise SpecError(f"{said}; give --topic NAME, one of: {there}")
     return topic, ours, partial(_images, files, topic, colour)
@@ -66,8 +73,9 @@ def _records(file: Path) -> Iterator[tuple[str, Any]]:
     schemas, channels = dict[int, str](), dict[int, tuple[str, str]]()
     with open_regular(file) as stream:
         reader = reading.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_CHUNK_BYTES)
+        left = _Budget(os.fstat(stream.fileno()).st_size)
         for outer in reader.records:
-            for record in reading.breakup_chunk(_unpacked(outer)) if type(outer).__name__ == "Chunk" else [outer]:
+            for record in reading.breakup_chunk(left.taken(_unpacked(outer))) if type(outer).__name__ == "Chunk" else [outer]:
                 kind = type(record).__name__
                 if kind == "Header":
                     yield kind, record
@@ -80,6 +88,28 @@ def _records(file: Path) -> Iterator[tuple[str, Any]]:
                     yield of_type, (topic, record.data)
                 if len(schemas) + len(channels) > _MOST_CHANNELS:
                     raise SpecError(f"{shown_path(file)} has more than {_MOST_CHANNELS} topics")
+
+
+class _Budget:
+    """What the packed chunks of a file may still hold: 20 kB of zstd unpack to eight million records."""
+
+    def __init__(self, size: int) -> None:
+        self._bytes = _MOST_UNPACKED_BYTES + _MOST_TIMES_PACKED * size
+        self._records = _MOST_RECORDS + size // _BYTES_OF_RECORD
+
+    def taken(self, chunk: Any) -> Any:
+        """An unpacked chunk, when it is within the budget. Raises SpecError."""
+        data: bytes = chunk.data
+        self._bytes -= len(data)
+        at = 0
+        # counted before mcap makes an object of each
+        while at < len(data) and self._records >= 0:
+            at += _RECORD_BEGIN + int.from_bytes(data[at + 1 : at + _RECORD_BEGIN], "little")
+            self._records -= 1
+        if self._bytes < 0 or self._records < 0:
+            what = "bytes" if self._bytes < 0 else "records"
+            raise SpecError(f"its chunks unpack to far more {what} than a recording of its size has")
+        return chunk
 
 
 def _unpacked(chunk: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy.typing as npt
@@ -12,7 +12,17 @@ MCAP, BAG, DATASET = ".mcap", "metadata.yaml", "meta/info.json"
 OTHER_BAGS = (".db3", ".bag")
 """Endings of bags that nothing here reads: SQLite, and those of ROS 1."""
 
+_NAMED, _MOST_SHOWN = 20, 100
+"""Topics or features that a message names, and characters of each: a file of 1 MB has 30,000, or one of 1 MB."""
+
 Image = npt.NDArray[Any]
 Stamped = tuple[float | None, Image]
 Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
 """Topic, whether it is ours, and what reads it."""
+
+
+def some_of(names: Iterable[str]) -> str:
+    """The first names of a file's topics or features, for a message."""
+    every = [name if len(name) <= _MOST_SHOWN else f"{name[:_MOST_SHOWN]}..." for name in names]
+    more = f" and {len(every) - _NAMED} more" if len(every) > _NAMED else ""
+    return (", ".join(every[:_NAMED]) or "none") + more

@@ -165,6 +165,9 @@ def _source(
     folder, camera = stat.S_ISDIR(mode), stat.S_ISCHR(mode)
     film = not folder and path.suffix.lower() in FILMS
     plain = not (folder or camera or film or given == STANDARD_INPUT)
+    if film and not (camera or stat.S_ISREG(mode)):
+        message = f"source {shown_path(given)} cannot be opened: it is no regular file, as a film is; {_SOURCES}"
+        problems.append(Problem("source", message))
     if rate_hz is not None and not (film or plain):
         problems.append(
             Problem(

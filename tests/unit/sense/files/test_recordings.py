@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -213,6 +215,15 @@ def test_films_of_a_dataset_are_colour_images(tmp_path: Path) -> None:
         open_recording(folder, SENSOR)
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
+def test_a_film_that_is_a_fifo_is_refused(tmp_path: Path) -> None:
+    path = dataset(tmp_path / "set", {"dtype": "video", "shape": [*SHAPE, 3]}, None)
+    (path / "videos" / "touch" / "chunk-000").mkdir(parents=True)
+    os.mkfifo(path / "videos" / "touch" / "chunk-000" / "file-000.mp4")  # OpenCV would wait for its writer
+    with pytest.raises(SpecError, match="it is no regular file"):
+        open_recording(path, SENSOR, colour=True)
+
+
 # What is wrong
 
 
@@ -232,7 +243,7 @@ def _no_file(folder: Path) -> Path:
 
 
 def _bomb(folder: Path) -> Path:
-    return mcap(folder / "a.mcap", {"/gel": [bytes(1 << 22)]}, compression=CompressionType.LZ4)
+    return mcap(folder / "a.mcap", {"/gel": [bytes(1 << 25)]}, compression=CompressionType.LZ4)
 
 
 def _noise(folder: Path) -> Path:
@@ -275,9 +286,34 @@ def _no_features(folder: Path) -> Path:
     return folder
 
 
+def _many_records(folder: Path) -> Path:
+    """Records of no kind, 9 bytes each."""
+    junk = (b"\x80" + bytes(8)) * 1_000_000
+    packed = library("zstandard", "this test").compress(junk)
+    content = struct.pack("<QQQII4sQ", 0, 0, len(junk), 0, 4, b"zstd", len(packed)) + packed
+    path = mcap(folder / "a.mcap", {"/gel": ramps()})
+    whole = path.read_bytes()
+    path.write_bytes(whole[:8] + b"\x06" + struct.pack("<Q", len(content)) + content + whole[8:])
+    return path
+
+
+def _many_bytes(folder: Path) -> Path:
+    return mcap(folder / "a.mcap", {"/gel": [bytes(1 << 20)] * 20}, compression=CompressionType.ZSTD, chunk_size=1 << 20)
+
+
+def _long_names(folder: Path) -> Path:
+    features = {f"{k} {'x' * 5000}": {"dtype": "image", "shape": [*SHAPE, 3]} for k in range(100)}
+    (folder / "meta").mkdir()
+    (folder / "meta" / "info.json").write_text(json.dumps({"features": features}), encoding="utf-8")
+    return folder
+
+
 @pytest.mark.parametrize(
     ("made", "said"),
     [
+        (_many_records, "its chunks unpack to far more records"),
+        (_many_bytes, "its chunks unpack to far more bytes"),
+        (_long_names, r"1 x{98}\.\.\., .*, 19 x{97}\.\.\. and 80 more$"),
         (_several, "give --topic NAME, one of: /left, /right"),
         (_cut, "is damaged"),
         (_no_file, "rosbags-convert --src .* --dst-storage mcap"),
@@ -294,7 +330,9 @@ def _no_features(folder: Path) -> Path:
 def test_what_is_wrong_is_said_in_one_line(
     made: Callable[[Path], Path], said: str, small_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mcap_images, "MOST_CHUNK_BYTES", 1 << 21)
+    monkeypatch.setattr(mcap_images, "MOST_CHUNK_BYTES", 1 << 24)
+    monkeypatch.setattr(mcap_images, "_MOST_UNPACKED_BYTES", 1 << 24)
+    monkeypatch.setattr(mcap_images, "_MOST_TIMES_PACKED", 1)
     path = made(tmp_path)
     with pytest.raises(SpecError, match=said):
         list(open_recording(path, SENSOR).frames())

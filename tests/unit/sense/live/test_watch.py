@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import shlex
 import signal
@@ -386,6 +387,13 @@ def test_watch_refuses_with_words(default_kit: Kit, frames: Path, arguments: str
     assert (result.exit_code, result.stdout) == (2, "")
     assert all(line.startswith("error: ") for line in result.stderr.splitlines())
     assert [word for word in words if word not in result.stderr] == []
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
+def test_a_film_that_is_a_fifo_is_refused(default_kit: Kit, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mp4")  # OpenCV would wait for its writer
+    result = run(f"{tmp_path}/a.mp4 --tape {default_kit.path} --raw --background b.png --weights w.pth")
+    assert result.exit_code == 2 and "a.mp4 cannot be opened: it is no regular file" in result.stderr
 
 
 @pytest.mark.parametrize("output", ["--mcap {folder}/a.mcap", "--save {folder}/a.rrd", "--zenoh local"])
