@@ -15,9 +15,16 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial, wraps
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+
+for _name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+    # numba unpickles what is kept: a folder that is named relatively would lie in the current folder, which may be a stranger's
+    # kit, and so would that of an empty XDG_CACHE_HOME (the XDG base directory specification has both ignored)
+    if (_folder := os.environ.get(_name)) is not None and not Path(_folder).is_absolute():
+        del os.environ[_name]
 
 _COLOURS = "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"
 _before = os.environ.get(_COLOURS)

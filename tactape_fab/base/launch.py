@@ -42,9 +42,9 @@ def environment(scratch: Path) -> dict[str, str]:
         name: value for name, value in os.environ.items() if name in _KEPT or name == "PATH" or name.startswith(_KEPT_PREFIXES)
     }
     kept |= {name: _absolute(kept[name]) for name in _FOLDER_LISTS if name in kept}
-    cache = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
-    if kept.get("NUMBA_CACHE_DIR"):
-        kept["NUMBA_CACHE_DIR"] = str(Path(kept["NUMBA_CACHE_DIR"]).absolute())
+    cache = _absolute(os.environ.get("XDG_CACHE_HOME", "")) or str(Path("~/.cache").expanduser())
+    if not _absolute(kept.get("NUMBA_CACHE_DIR", "")):  # numba unpickles what is there, and it would be in the current folder
+        kept.pop("NUMBA_CACHE_DIR", None)
     return kept | {
         "HOME": str(scratch),
         **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),  # that of the user may not exist, and FreeCAD dies of it

@@ -134,3 +134,17 @@ def test_a_kept_kernel_that_cannot_be_read_is_compiled_anew(
         ) + content  # an index begins with numba's own
     file.write_bytes(content)
     assert added(compiled / "program.py", kept) == "3 0\n" and added(compiled / "program.py", kept) == "3 1\n"
+
+
+@pytest.mark.skipif(not jit.KEPT, reason="nothing is compiled, or kept")
+@pytest.mark.parametrize(("name", "value"), [("XDG_CACHE_HOME", ""), ("XDG_CACHE_HOME", "cache"), ("NUMBA_CACHE_DIR", "cache")])
+def test_no_kernel_is_kept_in_the_current_folder(name: str, value: str, tmp_path: Path) -> None:
+    """numba unpickles what is kept, and the current folder may be a stranger's."""
+    program, here, home = tmp_path / "program.py", tmp_path / "here", tmp_path / "home"
+    program.write_text(ADDED.replace("print(", "0 and print("), encoding="utf-8")
+    (tmp_path / "__pycache__").touch()  # as beside the modules of an installation that the user may not write to
+    here.mkdir()
+    environment = {k: v for k, v in os.environ.items() if k not in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
+    environment |= {"PYTHONPATH": os.pathsep.join(sys.path), "HOME": str(home), name: value}
+    subprocess.run([sys.executable, str(program)], cwd=here, check=True, env=environment)
+    assert not [*here.iterdir()] and [*home.rglob("*")]
