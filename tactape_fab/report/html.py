@@ -8,6 +8,7 @@ from base64 import b64encode
 from functools import cache
 from typing import Any
 
+from tactape_fab.base.plain_text import one_line
 from tactape_fab.base.templates import templates_folder
 
 
@@ -53,13 +54,21 @@ def page(name: str, scripts: tuple[str, ...], /, **values: Any) -> bytes:
     return text.encode("utf-8")
 
 
+def _printed(text: str) -> str:
+    """A text whose lines hold nothing but what is printed."""
+    return text if text.isprintable() else "\n".join(map(one_line, text.split("\n")))
+
+
 @cache
 def template(name: str) -> Any:
     """A page's template; what it is given is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
         loader=FileSystemLoader(templates_folder() / "report"),
+        # a mark of writing direction in a profile's text would turn what a browser shows of its line
+        finalize=lambda value: _printed(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

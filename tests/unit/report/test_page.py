@@ -294,6 +294,7 @@ def test_nothing_in_a_file_becomes_markup_or_script(film: Written, page: Page) -
         findings=[Finding(rule=HOSTILE, level="block", passed=False, message=HOSTILE, source=HOSTILE)],
     )
     shown = Page(render_report(hostile).data)
+    assert "\u2028" not in shown.text  # nor a mark of writing direction, which turns what a browser shows of a line
     assert [tag for tag, _ in shown.tags if tag in ("script", "img")] == ["img", "script", "script"]
     assert [str(of["src"]).partition(",")[0] for tag, of in shown.tags if tag == "img"] == ["data:image/svg+xml;base64"]
     assert shown.script == page.script
