@@ -59,6 +59,25 @@ class _Bytes:
             data += piece
         return bytes(data)
 
+    def read_to(self, mark: bytes, size: int) -> bytes:
+        """`size` bytes; fewer at the end, or before a mark among them, which comes next then.
+
+        It is looked for as bytes come: to read all of them and give back what follows it would take a second time for each mark.
+        """
+        looked = 0
+        while (at := self._ahead.find(mark, looked, size)) < 0 and len(self._ahead) < size:
+            # the last bytes may be the mark's first
+            looked = max(0, len(self._ahead) - len(mark) + 1)
+            piece = self._stream.read(min(size - len(self._ahead), _PIECE * 16))
+            if not piece:
+                break
+            self._ahead += piece
+        return self.read(min(size, len(self._ahead)) if at < 0 else at)
+
+    def comes(self, mark: bytes) -> bool:
+        """Whether a mark that `read_to` stopped at comes next."""
+        return self._ahead.startswith(mark)
+
     def give_back(self, data: bytes) -> None:
         """Put bytes before those that come next."""
         self._ahead[:0] = data
@@ -123,12 +142,10 @@ def _array(source: _Bytes) -> npt.NDArray[Any]:
     size = prod(header.shape) * header.dtype.itemsize
     if size > _MOST_BYTES or len(header.shape) not in (0, 2, 3):
         raise ValueError(f"an array of shape {shown(header.shape)} is no frame, and no stack of at most {_MOST_BYTES} bytes")
-    data = source.read(size)
     # chance puts these six bytes at a given place once in 2^48
-    next_one = data.find(MAGIC)
-    if next_one >= 0:  # its writer was stopped, and another one has started
-        source.give_back(data[next_one:])
-        raise ValueError(f"it ends after {next_one} of {size} bytes")
+    data = source.read_to(MAGIC, size)
+    if len(data) < size and source.comes(MAGIC):  # its writer was stopped, and another one has started
+        raise ValueError(f"it ends after {len(data)} of {size} bytes")
     if len(data) < size:
         raise EOFError(f"the stream ends after {len(data)} of {size} bytes")
     return np.frombuffer(data, dtype=header.dtype).reshape(header.shape, order="F" if header.fortran else "C")
