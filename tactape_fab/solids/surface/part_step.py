@@ -91,11 +91,17 @@ def read_step_solid(data: bytes) -> StepModel:
         try:
             with warnings.catch_warnings(), _quiet_kernel():
                 warnings.simplefilter("ignore")
-                content = bd.import_step(path)
-                solids, faces = content.solids(), content.faces()
+                others = _other_files(path)
+                if not others:
+                    content = bd.import_step(path)
+                    solids, faces = content.solids(), content.faces()
         except Exception as error:  # whatever the kernel makes of untrusted bytes
             reason = " ".join(str(error).split())[:200] or type(error).__name__
             raise SpecError(f"SURFACE cannot be read as STEP: {reason}; export it again, or as STL") from error
+    if others:
+        raise SpecError(
+            f"SURFACE names {others} other file{'s' * (others > 1)}, which would be read with it; {remedy} in one file"
+        )
     if len(faces) == 0:
         raise SpecError("SURFACE cannot be read as STEP: the kernel finds no shape in it; export it again, or as STL")
     if len(solids) == 0:
@@ -105,6 +111,20 @@ def read_step_solid(data: bytes) -> StepModel:
     if not BRepCheck_Analyzer(solids[0].wrapped).IsValid():  # booleans of an invalid solid crash OCCT, or never end
         raise SpecError("SURFACE is no valid solid, as OCCT finds; repair it in your CAD program, or export it as STL")
     return StepModel(solid=solids[0], faces=tuple(solids[0].faces()))
+
+
+def _other_files(path: Path) -> int:
+    """How many files a STEP file names that OCCT would read with it, from anywhere: a stranger's, or a FIFO, for ever."""
+    from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.STEPConstruct import STEPConstruct_ExternRefs
+    from OCP.STEPControl import STEPControl_Reader
+
+    reader = STEPControl_Reader()
+    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        return 0  # importing says so
+    named = STEPConstruct_ExternRefs(reader.WS())
+    named.LoadExternRefs()
+    return int(named.NbExternRefs())
 
 
 @contextmanager

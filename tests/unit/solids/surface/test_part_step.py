@@ -20,6 +20,7 @@ from tactape_fab.make import emboss as make_emboss
 from tactape_fab.make.emboss import Embossed, emboss_kit
 from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.developed import Developable
+from tactape_fab.solids.surface.part_step import read_step_solid
 from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
@@ -283,6 +284,37 @@ def test_a_mutated_step_file_is_answered_from_its_own_process(seed: int, kit: Pa
         assert sorted(path.name for path in kit.parent.iterdir()) == ["kit", "part.step"]
     else:
         assert all(check.passed for check in made.checks)
+
+
+def in_two_files(folder: Path, shape: Any) -> Path:
+    """A STEP file of an assembly whose one part is in another file, as OCCT writes it."""
+    from OCP.STEPCAFControl import STEPCAFControl_Writer
+    from OCP.STEPControl import STEPControl_StepModelType
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDataStd import TDataStd_Name
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    document = TDocStd_Document(TCollection_ExtendedString("XCAF"))
+    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    part, whole = shapes.AddShape(shape.wrapped, False), shapes.NewShape()
+    TDataStd_Name.Set_s(part, TCollection_ExtendedString("theirs"))
+    shapes.AddComponent(whole, part, TopLoc_Location())
+    shapes.UpdateAssemblies()
+    writer = STEPCAFControl_Writer()
+    assert writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs, "of-")
+    writer.Write(str(folder / "whole.step"))
+    assert (folder / "of-theirs.stp").is_file()
+    return folder / "whole.step"
+
+
+def test_no_other_file_is_read_with_a_step_file(tmp_path: Path) -> None:
+    """OCCT reads what a file names, from any folder: another's part came out embossed, and a FIFO was waited for."""
+    file = in_two_files(tmp_path, plate())
+    data = file.read_bytes().replace(b"'of-theirs.stp'", f"'{tmp_path}/of-theirs.stp'".encode())
+    with pytest.raises(SpecError, match="SURFACE names 1 other file, which would be read with it; export the part as one solid"):
+        read_step_solid(data)
 
 
 NEVER_ENDS = f"""
