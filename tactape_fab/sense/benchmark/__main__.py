@@ -12,6 +12,7 @@ from pathlib import Path
 from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.base.input_file import sha256_of
 from tactape_fab.base.output_file import refuse_taken_place, write_file
+from tactape_fab.base.plain_text import one_line
 from tactape_fab.sense.benchmark.adapters import ADAPTERS, answer_lines, changed_files, open_benchmark, read_index
 from tactape_fab.sense.benchmark.answers import is_answers, read_answers
 from tactape_fab.sense.benchmark.conditions import CONDITIONS
@@ -36,7 +37,7 @@ def _write(given: argparse.Namespace) -> int:
 def _check(given: argparse.Namespace) -> int:
     changed, index = changed_files(given.folder), read_index(given.folder)
     for name, value in index["files"].items():
-        print(f"{value}  {name}{'  changed' if name in changed else ''}")
+        print(one_line(f"{value}  {name}{'  changed' if name in changed else ''}"))
     print(f"{sha256_of(Path(given.folder) / INDEX)}  {INDEX}")
     return _FAILED if changed else 0
 
@@ -53,8 +54,8 @@ def _score(given: argparse.Namespace) -> int:
     truth = read_truth(given.truth or truth_path(Path(given.folder)))
     for path in given.answers:
         method, answers = read_answers(path, len(truth))
-        print(f"{method}: {len(answers)} answers for {len(truth)} frames\n", *HEADER, sep="\n")
-        print(*(line(name, row) for name, row in score(answers, truth).items()), "", sep="\n")
+        print(one_line(f"{method}: {len(answers)} answers for {len(truth)} frames"), "", *HEADER, sep="\n")
+        print(*(one_line(line(name, row)) for name, row in score(answers, truth).items()), "", sep="\n")
         print(*calibration_lines(answers, truth), "", sep="\n")
     return 0
 
@@ -93,7 +94,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return _FAILED
     except TactapeError as error:
         problems = [problem.message for problem in error.problems] if isinstance(error, SpecError) else str(error).splitlines()
-        print("\n".join(f"error: {problem}" for problem in problems), file=sys.stderr)
+        print("\n".join(f"error: {one_line(problem)}" for problem in problems), file=sys.stderr)
         return _USAGE if isinstance(error, SpecError) else _FAILED
 
 

@@ -146,6 +146,25 @@ def test_scores_are_printed_for_each_file(folder: Path, located: Path, capsys: p
     assert said.count("| all | 8 of 12 | 0 |") == 2 and said.count("| 0 to 0.0001 | ") == 2
 
 
+def test_texts_of_a_data_set_stay_on_their_lines(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evil = "x\nall right \x1b[31m\u202e\ud800"
+    (tmp_path / "b").mkdir()
+    index = {**json.loads((folder / "benchmark.json").read_text(encoding="utf-8")), "files": {"frames.npy": evil}}
+    (tmp_path / "b" / "benchmark.json").write_text(json.dumps(index), encoding="utf-8")
+    first, row, *_ = truth_path(folder).read_text(encoding="utf-8").splitlines()
+    row = json.dumps({**json.loads(row), "condition": evil})
+    truth_path(tmp_path / "b").write_text(f"{first}\n{row}\n", encoding="utf-8")
+    head = json.dumps({"format": "tactape-answers/1", "method": evil})
+    (tmp_path / "a.jsonl").write_text(f"{head}\n", encoding="utf-8")
+    (tmp_path / "wrong.jsonl").write_text(json.dumps({"frame": 0, "located": True, evil: 1}), encoding="utf-8")
+    assert main(["check", str(tmp_path / "b")]) == 1
+    assert main(["score", str(tmp_path / "b"), str(tmp_path / "a.jsonl")]) == 0
+    assert main(["score", str(tmp_path / "b"), str(tmp_path / "wrong.jsonl")]) == 2
+    said = capsys.readouterr()
+    assert said.out.count("x\\nall right \\x1b[31m\\u202e\\ud800") == 3
+    assert not {"\x1b", "\u202e"} & {*said.out, *said.err}
+
+
 # Scores
 
 
