@@ -179,6 +179,9 @@ def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayH
                 named = (m.removesuffix(".npy") if m.endswith(".npy") else f"{m} (without .npy)" for m in members)
                 has = ", ".join(sorted(named)) or "nothing"
                 raise SpecError(f"it has no array '{name}', only {has[:_SHOWN]}; {_REMEDY}")
+            if archive.getinfo(name + ".npy").compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                # numpy writes no other. 1 kB of bzip2 unpacks to 3,000 frames, deflated to three
+                raise ValueError(f"its array '{name}' is packed in a way in which numpy writes none")
             with archive.open(name + ".npy") as member:
                 yield member, read_array_header(member, name)
 

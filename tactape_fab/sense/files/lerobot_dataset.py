@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,8 @@ from tactape_fab.sense.raw.image_files import unpacked_colour, unpacked_grey
 from tactape_fab.sense.sensors import MOST_PX
 
 _MOST_INFO_BYTES, _MOST_IMAGE_BYTES, _MOST_GROUP_BYTES, _MOST_FILES = 1 << 24, 1 << 28, 1 << 32, 100_000
+_BLANK_BYTES, _MOST_PACKED = 1 << 28, 100
+"""Unpacked bytes of a group of rows for a byte of its file, beyond the first: pyarrow takes five times as much memory."""
 _THRIFT = {"thrift_string_size_limit": 1 << 27, "thrift_container_size_limit": 1 << 22}
 _ROWS = 8
 _FLOATS = ("float32", "float64", "uint16", "int16")
@@ -75,12 +78,11 @@ def _batches(folder: Path, columns: list[str]) -> Iterator[Any]:
     for path in _files(folder, "data/**/*.parquet"):
         with open_regular(path) as stream:
             file = parquet.ParquetFile(stream, **_THRIFT)
+            most = min(_MOST_GROUP_BYTES, _BLANK_BYTES + _MOST_PACKED * os.fstat(stream.fileno()).st_size)
             for group in range(file.metadata.num_row_groups):
                 # no .column(k): a wrong size there is thrown through Cython, which ends the process (pyarrow 26.0.1)
-                if file.metadata.row_group(group).total_byte_size > _MOST_GROUP_BYTES:
-                    raise SpecError(
-                        f"rows of {path.name} unpack to more than {_MOST_GROUP_BYTES} bytes at once; write smaller groups"
-                    )
+                if file.metadata.row_group(group).total_byte_size > most:
+                    raise SpecError(f"rows of {path.name} unpack to more than {most} bytes at once; write smaller groups")
             yield from file.iter_batches(batch_size=_ROWS, columns=columns)
 
 

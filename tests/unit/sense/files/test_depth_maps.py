@@ -180,6 +180,15 @@ def test_a_member_without_npy_is_no_array(tmp_path: Path) -> None:
     assert "no array 'depth', only depth (without .npy); give" in refused(tmp_path / "f.npz")
 
 
+@pytest.mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_arrays_that_numpy_does_not_pack_are_refused(packing: int, tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", depth=np.zeros((2, 6, 8)))
+    with zipfile.ZipFile(tmp_path / "a.npz") as plain, zipfile.ZipFile(tmp_path / "b.npz", "w", packing) as other:
+        other.writestr("depth.npy", plain.read("depth.npy"))
+    with pytest.raises(SpecError, match="its array 'depth' is packed in a way in which numpy writes none"):
+        open_frame_file(tmp_path / "b.npz")
+
+
 def test_a_damaged_byte_is_noticed(tmp_path: Path) -> None:
     np.savez(tmp_path / "f.npz", depth=ramp(2))
     data = bytearray((tmp_path / "f.npz").read_bytes())

@@ -29,7 +29,7 @@ from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.base.libraries import library
 from tactape_fab.cli import main
 from tactape_fab.sense import Scene, load_sensor, simulate, simulate_frames
-from tactape_fab.sense.files import mcap_images
+from tactape_fab.sense.files import lerobot_dataset, mcap_images
 from tactape_fab.sense.files.image_message import colour_of, image_of
 from tactape_fab.sense.files.recordings import is_recording, open_recording
 from tactape_fab.sense.live.cdr import IMAGE
@@ -301,6 +301,15 @@ def _many_bytes(folder: Path) -> Path:
     return mcap(folder / "a.mcap", {"/gel": [bytes(1 << 20)] * 20}, compression=CompressionType.ZSTD, chunk_size=1 << 20)
 
 
+def _vast_rows(folder: Path) -> Path:
+    rows = [{"bytes": bytes(1 << 23), "path": "a.png"}] * COUNT
+    return dataset(
+        folder / "set",
+        {"dtype": "image", "shape": [*SHAPE, 3]},
+        pa.array(rows, type=pa.struct([("bytes", pa.binary()), ("path", pa.string())])),
+    )
+
+
 def _long_names(folder: Path) -> Path:
     features = {f"{k} {'x' * 5000}": {"dtype": "image", "shape": [*SHAPE, 3]} for k in range(100)}
     (folder / "meta").mkdir()
@@ -313,6 +322,7 @@ def _long_names(folder: Path) -> Path:
     [
         (_many_records, "its chunks unpack to far more records"),
         (_many_bytes, "its chunks unpack to far more bytes"),
+        (_vast_rows, r"rows of file-000\.parquet unpack to more than [\d]+ bytes at once"),
         (_long_names, r"1 x{98}\.\.\., .*, 19 x{97}\.\.\. and 80 more$"),
         (_several, "give --topic NAME, one of: /left, /right"),
         (_cut, "is damaged"),
@@ -333,6 +343,8 @@ def test_what_is_wrong_is_said_in_one_line(
     monkeypatch.setattr(mcap_images, "MOST_CHUNK_BYTES", 1 << 24)
     monkeypatch.setattr(mcap_images, "_MOST_UNPACKED_BYTES", 1 << 24)
     monkeypatch.setattr(mcap_images, "_MOST_TIMES_PACKED", 1)
+    monkeypatch.setattr(lerobot_dataset, "_BLANK_BYTES", 1 << 22)
+    monkeypatch.setattr(lerobot_dataset, "_MOST_PACKED", 1)
     path = made(tmp_path)
     with pytest.raises(SpecError, match=said):
         list(open_recording(path, SENSOR).frames())
