@@ -16,9 +16,17 @@ def one_line(text: str) -> str:
 
 
 def toml_string(text: str) -> str:
-    """A text as a basic string of TOML, which has JSON's escapes but no halves of a character beyond U+FFFF, and no DEL.
+    """A text as a basic string of TOML, which has JSON's escapes but no halves of a character beyond U+FFFF.
 
-    Bytes of a file's name that are no UTF-8 are shown as \\udcff.
+    What is not printed is escaped: DEL, which TOML does not allow, and marks of writing direction, which editors obey. Bytes of a
+    file's name that are no UTF-8 are shown as \\udcff.
     """
     whole = text.encode("utf-8", "backslashreplace").decode("utf-8")
-    return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")
+    quoted = json.dumps(whole, ensure_ascii=False)
+    return quoted if quoted.isprintable() else "".join(c if c.isprintable() else _escape(c) for c in quoted)
+
+
+def _escape(character: str) -> str:
+    """A character by its number, as TOML has it."""
+    number = ord(character)
+    return f"\\u{number:04x}" if number <= 0xFFFF else f"\\U{number:08x}"

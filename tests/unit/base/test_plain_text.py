@@ -103,9 +103,12 @@ def test_profiles_and_archives_print_no_forged_line(flat_kit: Kit, tmp_path: Pat
         assert clean(run.stdout) and clean(run.stderr)
 
 
-@pytest.mark.parametrize("text", ["", "a", '"q" \\ back', "\u00e4\U0001f600\u2028", "".join(map(chr, range(128)))])
+@pytest.mark.parametrize(
+    "text", ["", "a", '"q" \\ back', "\u00e4\U0001f600\u2028\u202e\U000e0001", "".join(map(chr, range(128)))]
+)
 def test_a_string_of_toml_is_read_as_the_text(text: str) -> None:
     assert tomllib.loads(f"a = {toml_string(text)}") == {"a": text}
+    assert toml_string(text).isprintable()  # editors obey marks of writing direction
 
 
 def test_bytes_of_a_name_that_are_no_text_are_shown() -> None:
