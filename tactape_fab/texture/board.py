@@ -9,6 +9,10 @@ from tactape_fab.base.fields import Fields
 TAG_FAMILY = "tag36h11"
 TAG_IDS = 587
 LONGEST_MM = 10_000.0
+LEAST_MM = 0.001
+"""Least length of a part, of a tag's cell, and of a round corner's radius. Far shorter ones vanish beside others in a sum, and a
+quotient by them is infinite.
+"""
 MOST_HOLES = 10_000
 
 
@@ -64,10 +68,19 @@ def read_board(table: Fields) -> Board:
     return Board(
         size_mm=(size[0], size[1]),
         texture_origin_mm=_pair(table.numbers("texture_origin_mm", 2, low=0.0, high=LONGEST_MM)),
-        corner_radius_mm=table.number("corner_radius_mm", low=0.0, high=min(size) / 2),
+        corner_radius_mm=_corner_radius(table, min(size) / 2),
         thickness_mm=table.number("thickness_mm", above=0.0, high=100.0),
         holes=tuple(holes),
     )
+
+
+def _corner_radius(table: Fields, most_mm: float) -> float:
+    radius_mm = table.number("corner_radius_mm", low=0.0, high=most_mm)
+    if 0.0 < radius_mm < LEAST_MM:
+        table.problem(
+            "corner_radius_mm", f"corner_radius_mm = {radius_mm:g} mm is neither 0 nor at least {LEAST_MM:g} mm; give 0"
+        )
+    return radius_mm
 
 
 def read_tag(table: Fields) -> Tag:
@@ -75,7 +88,7 @@ def read_tag(table: Fields) -> Tag:
     return Tag(
         family=table.text("family", choices=(TAG_FAMILY,)),
         id=table.integer("id", low=0, high=TAG_IDS - 1),
-        cell_mm=table.number("cell_mm", above=0.0, high=100.0),
+        cell_mm=table.number("cell_mm", low=LEAST_MM, high=100.0),
         center_mm=_pair(table.numbers("center_mm", 2, low=0.0, high=LONGEST_MM)),
         rotation_deg=table.number("rotation_deg", low=-360.0, high=360.0, unit="deg"),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tactape_fab.base.fields import Fields
+from tactape_fab.texture.board import LEAST_MM
 
 PART_SHAPES = ("block", "dome")
 LEAST_ASPECT = 1.25
@@ -38,7 +39,7 @@ def is_long(shape: str, body_mm: tuple[float, float, float]) -> bool:
 
 def read_part(table: Fields) -> TapePart:
     """A manifest's part. Problems are collected in `table`."""
-    length, width, height = table.numbers("body_mm", 3, above=0.0, high=100.0)
+    length, width, height = table.numbers("body_mm", 3, low=LEAST_MM, high=100.0)
     shape = table.text("shape", choices=PART_SHAPES)
     top_mm = None
     if table.values.get("top_mm") is not None:

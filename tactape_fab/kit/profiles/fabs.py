@@ -77,7 +77,9 @@ _TABLES = (
     *("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size"),
     *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel", "order"),
 )
-_LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
+LEAST_LEGEND_MM = {"line_mm": 0.0, "text_mm": 0.1, "gap_mm": 0.0, "bleed_mm": 0.0, "edge_mm": 0.0}
+"""Least sizes of print: capitals of no height would have no end of lines in a strip."""
+_LEGEND_KEYS = tuple(LEAST_LEGEND_MM)
 _COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
 _BEFORE = r"([A-Za-z0-9_-][A-Za-z0-9._-]{0,29})?"
 """What may stand before {name} in the name of a file."""
@@ -240,7 +242,9 @@ def load_fab(name: str) -> FabProfile:
         parts=read_parts_limit(table),
         panel=read_panel(table),
         order=read_ordering(table),
-        legend=LegendRules(origin=read_origin(legend), **{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
+        legend=LegendRules(
+            origin=read_origin(legend), **{key: legend.number(key, low=low, high=10.0) for key, low in LEAST_LEGEND_MM.items()}
+        ),
         limits={name: read_limit(limits.table(name, ("value_mm", "warn_mm", *SOURCE_KEYS))) for name in LIMIT_IDS},
         size=SizeLimit(
             largest_mm=(max(largest), min(largest)),

@@ -99,7 +99,7 @@ def _part_with_lands(table: Fields) -> PartProfile:
     )
     body = table.table("body", ("size_mm", "tolerance_mm"))
     length, width, height = body.numbers("size_mm", 3, low=LEAST_BODY_MM, high=LARGEST_BODY_MM)
-    courtyard = table.table("courtyard", ("size_mm",)).numbers("size_mm", 2, above=0.0, high=40.0)
+    courtyard = table.table("courtyard", ("size_mm",)).numbers("size_mm", 2, low=LEAST_BODY_MM, high=40.0)
     profile = PartProfile(
         name=_part_name(table),
         shape=table.text("shape", choices=("block",), remedy="a part with lands is a block"),

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.layout import tape_legend
+from tactape_fab.kit.profiles.fabs import LEAST_LEGEND_MM
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
@@ -81,9 +82,9 @@ class LegendRecord:
 def read_legend_record(table: Fields) -> LegendRecord | None:
     """Read it from a manifest; None where it has no record and names a profile of the user. Problems are collected in `table`."""
     fab = table.table("fab")
-    sizes = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
+    sizes = LEAST_LEGEND_MM
     if all(f"legend_{size}" in fab.values for size in sizes):
-        return LegendRecord(**{size: fab.number(f"legend_{size}", low=0.0, high=10.0) for size in sizes})
+        return LegendRecord(**{size: fab.number(f"legend_{size}", low=low, high=10.0) for size, low in sizes.items()})
     profile = known_fab(fab)
     return None if profile is None else LegendRecord(**{size: getattr(profile.legend, size) for size in sizes})
 

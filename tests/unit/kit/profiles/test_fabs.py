@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.kit.profiles import load_fab
+from tactape_fab.kit.profiles import load_fab, read_part, templates_folder
 
 
 def profile(folder: Path, files: str) -> str:
@@ -47,3 +47,22 @@ def test_rails_are_as_wide_as_their_marks_ask_for(tmp_path: Path) -> None:
         rails("rail_mm = 2.5")
     assert rails("rail_mm = 1.5\nfiducials = 0\ntooling_holes = 0") == 1.5
     assert rails("rail_mm = 2.2\nfiducials = 0\ntooling_hole_mm = 1.2") == 2.2
+
+
+@pytest.mark.parametrize("height", [0.0, -0.0, 5e-324, 0.09])
+def test_capitals_have_a_height(height: float, tmp_path: Path) -> None:
+    """With none, a strip has no end of lines: a division by zero in `check` and `verify`."""
+    path = tmp_path / "a.toml"
+    path.write_text(f'extends = "generic-fpc"\nname = "a"\n[legend]\ntext_mm = {height!r}\n', encoding="utf-8")
+    with pytest.raises(SpecError, match=r"legend\.text_mm = .* is below 0\.1 mm"):
+        load_fab(str(path))
+
+
+@pytest.mark.parametrize("size", [1e-300, 0.009])
+def test_a_courtyard_has_an_area(size: float, tmp_path: Path) -> None:
+    """That of a line has no gaps."""
+    text = (templates_folder() / "parts" / "r0201.toml").read_text(encoding="utf-8")
+    head, _, rest = text.partition("[courtyard]\nsize_mm = [")
+    (tmp_path / "a.toml").write_text(f"{head}[courtyard]\nsize_mm = [{size}, {rest.partition(',')[2]}", encoding="utf-8")
+    with pytest.raises(SpecError, match=r"courtyard\.size_mm\[0\] = .* is below 0\.01 mm"):
+        read_part(str(tmp_path / "a.toml"))
