@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -35,3 +36,15 @@ def test_a_limit_of_the_user_stays_for_this_process() -> None:
     assert said(launch.python_command(f"{_LIMIT}{limited}")) == f"(20, 20) {2**30}"
     free = f"from tactape_fab.base.launch import limit_self; limit_self(cpu_s=600, memory_bytes=2**31); {_SAY}"
     assert said(launch.python_command(free)).startswith("(60")
+
+
+@pytest.mark.parametrize("given", ["", "cache", "./cache"])
+def test_a_program_keeps_nothing_in_the_current_folder(given: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, given)
+    found = launch.environment(tmp_path / "scratch")
+    assert "NUMBA_CACHE_DIR" not in found and found["XDG_CACHE_HOME"] == str(tmp_path / ".cache")
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, str(tmp_path / "kept"))
+    assert launch.environment(tmp_path)["NUMBA_CACHE_DIR"] == launch.environment(tmp_path)["XDG_CACHE_HOME"] == f"{tmp_path}/kept"
