@@ -91,7 +91,7 @@ def _records(file: Path) -> Iterator[tuple[str, Any]]:
 
 
 class _Budget:
-    """What the packed chunks of a file may still hold: 20 kB of zstd unpack to eight million records."""
+    """Budget of what the packed chunks of a file unpack to: 20 kB of zstd unpack to eight million records."""
 
     def __init__(self, size: int) -> None:
         self._bytes = _MOST_UNPACKED_BYTES + _MOST_TIMES_PACKED * size
