@@ -123,6 +123,18 @@ def test_parts_that_lie_across_are_turned_whatever_the_scan_s_resolution(
 
 
 @only_thorough
+@pytest.mark.parametrize(("dpi", "seed"), [(2400.0, 0), (1200.0, 9)])
+def test_good_parts_that_glare_makes_look_as_if_across_lie_as_designed(
+    dpi: float, seed: int, kit_40: Kit, tmp_path: Path
+) -> None:
+    """Of twenty scans those with the part that fits its others best across."""
+    built = assembled(Tape.load(kit_40.path), sigma_mm=0.1, missing=5, seed=seed)
+    picture = scan(Tape.load(kit_40.path), built, Scanner(dpi=dpi), seed=seed)
+    (one,) = inspect_scans(write(tmp_path / "scan.tif", picture), kit_40.path)
+    assert "turned" not in {found.kind for found in one.deviations()}
+
+
+@only_thorough
 def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_path: Path) -> None:
     tape = Tape.load(kit_40.path)
     built = assembled(tape, missing=5, seed=1)
