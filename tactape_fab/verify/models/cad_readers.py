@@ -357,7 +357,7 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
     watertight, consistent, bodies, volume = found[str(paths["stl"])]
     near = abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3
     passed = watertight and consistent and bodies == expected.bodies and near
-    message = f"{'' if watertight else 'not '}watertight, {bodies} bodies, {volume:.3f} mm3"
+    message = f"{'' if watertight else 'not '}watertight, {bodies} bod{'y' if bodies == 1 else 'ies'}, {volume:.3f} mm3"
     return [Check(name="stl by trimesh", passed=passed, message=message, figure=float(volume), unit="mm3")]
 
 
