@@ -72,10 +72,11 @@ def _records(file: Path) -> Iterator[tuple[str, Any]]:
     reading = library("mcap.stream_reader", "reading an MCAP file")
     schemas, channels = dict[int, str](), dict[int, tuple[str, str]]()
     with open_regular(file) as stream:
-        reader = reading.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_CHUNK_BYTES)
+        reader = reading.StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_CHUNK_BYTES)
         left = _Budget(os.fstat(stream.fileno()).st_size)
         for outer in reader.records:
-            for record in reading.breakup_chunk(left.taken(_unpacked(outer))) if type(outer).__name__ == "Chunk" else [outer]:
+            chunk = left.taken(_unpacked(outer)) if type(outer).__name__ == "Chunk" else None
+            for record in [outer] if chunk is None else reading.breakup_chunk(chunk, validate_crc=True):
                 kind = type(record).__name__
                 if kind == "Header":
                     yield kind, record
@@ -128,5 +129,7 @@ def _unpacked(chunk: Any) -> Any:
         raise SpecError(f"its chunks are packed by {shown(chunk.compression)}; mcap compress makes them zstd")
     if len(chunk.data) > MOST_CHUNK_BYTES:
         raise SpecError(f"a chunk in it unpacks to more than {MOST_CHUNK_BYTES} bytes")
+    if len(chunk.data) != chunk.uncompressed_size:  # of a writer that has no checksums it is all that tells
+        raise ValueError(f"a chunk in it holds {len(chunk.data)} of {chunk.uncompressed_size} bytes")
     chunk.compression = ""
     return chunk

@@ -286,11 +286,28 @@ def _no_features(folder: Path) -> Path:
     return folder
 
 
+def _flipped(folder: Path) -> Path:
+    """One bit of a pixel."""
+    path = mcap(folder / "a.mcap", {"/gel": ramps()}, compression=CompressionType.NONE)
+    whole = bytearray(path.read_bytes())
+    whole[len(whole) // 2] ^= 1
+    path.write_bytes(whole)
+    return path
+
+
 def _many_records(folder: Path) -> Path:
-    """Records of no kind, 9 bytes each."""
-    junk = (b"\x80" + bytes(8)) * 1_000_000
+    return _chunked(folder, 1_000_000, 1_000_000)
+
+
+def _half_a_chunk(folder: Path) -> Path:
+    return _chunked(folder, 500, 1000)
+
+
+def _chunked(folder: Path, count: int, announced: int) -> Path:
+    """Records of no kind, 9 bytes each, in a chunk without a checksum."""
+    junk = (b"\x80" + bytes(8)) * count
     packed = library("zstandard", "this test").compress(junk)
-    content = struct.pack("<QQQII4sQ", 0, 0, len(junk), 0, 4, b"zstd", len(packed)) + packed
+    content = struct.pack("<QQQII4sQ", 0, 0, 9 * announced, 0, 4, b"zstd", len(packed)) + packed
     path = mcap(folder / "a.mcap", {"/gel": ramps()})
     whole = path.read_bytes()
     path.write_bytes(whole[:8] + b"\x06" + struct.pack("<Q", len(content)) + content + whole[8:])
@@ -320,6 +337,8 @@ def _long_names(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
+        (_flipped, "crc validation failed"),
+        (_half_a_chunk, "a chunk in it holds 4500 of 9000 bytes"),
         (_many_records, "its chunks unpack to far more records"),
         (_many_bytes, "its chunks unpack to far more bytes"),
         (_vast_rows, r"rows of file-000\.parquet unpack to more than [\d]+ bytes at once"),
