@@ -25,6 +25,7 @@ _BLANK_BYTES, _MOST_PACKED = 1 << 28, 100
 """Unpacked bytes of a group of rows for a byte of its file, beyond the first: pyarrow takes five times as much memory."""
 _THRIFT = {"thrift_string_size_limit": 1 << 27, "thrift_container_size_limit": 1 << 22}
 _ROWS = 8
+_UNSURE = "than its tables have rows, so that no image's time is sure; record it again, or leave out that episode"
 _FLOATS = ("float32", "float64", "uint16", "int16")
 
 
@@ -132,9 +133,14 @@ def _filmed(folder: Path, topic: str) -> Iterator[Stamped]:
                 there, image = capture.read()
                 if not there:
                     break
-                yield next(stamps, None), image
+                stamp = next(stamps, None)
+                if stamp is None:
+                    raise SpecError(f"its films have more images {_UNSURE}")
+                yield stamp, image
         finally:
             capture.release()
+    if next(stamps, None) is not None:
+        raise SpecError(f"its films have fewer images {_UNSURE}")
 
 
 def _films(folder: Path, topic: str) -> list[Path]:

@@ -215,6 +215,16 @@ def test_films_of_a_dataset_are_colour_images(tmp_path: Path) -> None:
         open_recording(folder, SENSOR)
 
 
+@pytest.mark.parametrize(("counts", "said"), [((1, 2), "fewer"), ((2, 1), "fewer"), ((3, 2), "more")])
+def test_films_with_other_images_than_rows_are_refused(counts: tuple[int, int], said: str, tmp_path: Path) -> None:
+    """A film that lost one image would give all behind it the times of others."""
+    folder = dataset(tmp_path / "set", {"dtype": "video", "shape": [*SHAPE, 3]}, None)
+    for k, count in enumerate(counts):
+        film(folder / "videos" / "touch" / "chunk-000" / f"file-00{k}.mp4", [np.zeros((*SHAPE, 3), dtype=np.uint8)] * count)
+    with pytest.raises(SpecError, match=f"its films have {said} images than its tables have rows"):
+        open_recording(folder, SENSOR, colour=True)
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
 def test_a_film_that_is_a_fifo_is_refused(tmp_path: Path) -> None:
     path = dataset(tmp_path / "set", {"dtype": "video", "shape": [*SHAPE, 3]}, None)
