@@ -219,6 +219,8 @@ def _set(stack: list[Any], pairs: list[Any]) -> None:
 
 
 def _known(name: str) -> _Name:
+    if name.startswith("torch.") and name.endswith("Storage") and name not in _STORAGES:
+        raise SpecError(f"holds values of {shown(name)}, not single or double precision; {_REMEDY} after network.float()")
     if name not in (_TABLE, _TENSOR, *_STORAGES):
         raise SpecError(f"has a pickle that names {shown(name)}, {_NEEDLESS}")
     return _Name(text=name)
@@ -231,6 +233,8 @@ def _made(called: Any, arguments: Any) -> Any:
     if called != _Name(text=_TENSOR):
         raise SpecError(f"has a pickle that calls something else than makes a tensor; nothing was run; {_REMEDY}")
     storage, offset, shape, strides = arguments[:4]
+    if any(arguments[6:]):  # torch.serialization: {"neg": True} of tensors whose numbers are to be negated
+        raise SpecError(f"holds a tensor that PyTorch changes when it reads it, as tensor.resolve_neg() does; {_REMEDY}")
     sizes = [_count(n) for n in shape]
     if not isinstance(storage, _Storage) or not isinstance(shape, tuple) or not isinstance(strides, tuple) or len(sizes) > 2:
         raise TypeError("no tensor")
