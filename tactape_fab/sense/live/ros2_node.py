@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tactape_fab.sense.files.jobs import Located
 
 _NS = 1_000_000_000
-_DIAGNOSED_S, _PATIENCE_S, _SAID_EACH_S = 1.0, 0.1, 10.0
+_DIAGNOSED_S, _PATIENCE_S = 1.0, 0.1
 _UNUSABLE = "image unusable"
 _MOST_STAMPS = 10_000
 """Images whose stamps are kept: one that cannot be used, of another size, gets no answer, and a sensor may send nothing else."""
@@ -173,8 +173,8 @@ class _Served:
             for located in watch(self._watched, self._tally, self._stop):
                 if located is not None:
                     self._publish(located)
-                for message in self._tally.unsaid():
-                    self._node.get_logger().warning(message, throttle_duration_sec=_SAID_EACH_S)
+                for message in self._tally.unsaid():  # the first of each kind: rclpy would throttle the other kinds with it
+                    self._node.get_logger().warning(message)
         except Exception as error:
             if self._ros.rclpy.ok():  # else ROS was told to end meanwhile, and takes no messages any more
                 self.error = error

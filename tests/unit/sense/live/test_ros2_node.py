@@ -97,6 +97,7 @@ class Node:
         self.name, self.given = name, given
         self.published: list[tuple[str, Any]] = []
         self.warnings: list[str] = []
+        self.throttled_s = float("-inf")
         self.callback: Any = None
         self.timers: list[Any] = []
         self.destroyed = False
@@ -124,7 +125,13 @@ class Node:
         return self.name
 
     def get_logger(self) -> SimpleNamespace:
-        return SimpleNamespace(warning=lambda said, throttle_duration_sec: self.warnings.append(said))
+        return SimpleNamespace(warning=self._warn)
+
+    def _warn(self, said: str, throttle_duration_sec: float = 0.0) -> None:
+        """As rclpy's logger, which throttles by the line that calls it, whatever the message."""
+        if time.monotonic() >= self.throttled_s + throttle_duration_sec:
+            self.throttled_s = time.monotonic()
+            self.warnings.append(said)
 
     def destroy_node(self) -> None:
         self.destroyed = True
