@@ -64,7 +64,7 @@ def _images(files: Sequence[Path], topic: str, colour: bool) -> Iterator[Stamped
         for kind, record in _records(file):
             if kind == IMAGE_TYPE and record[0] == topic:
                 image = image_of(record[1])
-                yield image.stamp_ns / 1e9, colour_of(image) if colour else depth_of(image)
+                yield image.stamp_ns / 10**9, colour_of(image) if colour else depth_of(image)
 
 
 def _records(file: Path) -> Iterator[tuple[str, Any]]:

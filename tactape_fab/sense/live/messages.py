@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from decimal import Decimal
 from math import cos, isfinite, radians, sin
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
@@ -45,8 +46,8 @@ def stamp_ns(timestamp: float | None) -> int | None:
     """Capture time in seconds as whole nanoseconds; None where it is none that a ROS 2 time can hold (0 to 2³¹ s)."""
     if timestamp is None or not isfinite(timestamp) or not 0.0 <= timestamp < _LAST_S:
         return None
-    # a float of seconds since 1970 holds 0.24 us: the last digits of the ns are not the clock's
-    return round(timestamp * _NS)
+    # a float of seconds since 1970 holds 0.24 us: of the ns that read back as that float, those of its shortest decimals
+    return round(Decimal(repr(float(timestamp))) * _NS)
 
 
 def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> dict[str, Any] | None:

@@ -94,6 +94,14 @@ def test_recordings_and_files_are_decoded_in_the_order_given(default_kit: Kit, t
     assert [one["position_mm"] for one in told[2:4]] == [one["position_mm"] for one in alone]
 
 
+def test_timestamps_come_back_from_our_own_log_to_the_last_digit(small_kit: Kit, tmp_path: Path) -> None:
+    stamps = 1.7e9 + 0.040001234567 * np.arange(12)
+    np.savez(tmp_path / "f.npz", depth=np.zeros((12, *SHAPE), dtype=np.float32), timestamp=stamps)
+    assert run(f"watch {tmp_path}/f.npz --rate max --tape {small_kit.path} --mcap {tmp_path}/f.mcap").exit_code == 0
+    file = open_recording(tmp_path / "f.mcap", SENSOR)
+    assert [file.time_of(k) for k in range(12)] == stamps.tolist()
+
+
 @pytest.mark.parametrize(
     ("library", "ours"),
     [("tactape-fab 0.1.0", True), ("mcap go #v1.7; tactape-fab 0.1.0", True), ("mcap go #v1", False), ("my tactape-fab", False)],

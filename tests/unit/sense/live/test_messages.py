@@ -98,10 +98,24 @@ def test_frames_can_be_named() -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "ns"),
-    [(0.0, 0), (1.5, 1_500_000_000), (None, None), (-1.0, None), (2.0**31, None), (float("nan"), None), (float("inf"), None)],
+    [
+        (0.0, 0),
+        (1.7e9 + 0.04, 1_700_000_000_040_000_000),
+        (None, None),
+        (-1.0, None),
+        (2.0**31, None),
+        (float("nan"), None),
+        (float("inf"), None),
+    ],
 )
 def test_a_stamp_is_what_ros_can_hold(seconds: float | None, ns: int | None) -> None:
     assert stamp_ns(seconds) == ns
+
+
+def test_a_stamp_is_read_back_as_the_timestamp() -> None:
+    for seconds in (1.7e9 + np.random.default_rng(1).uniform(0.0, 1e6, 500)).tolist():
+        ns = stamp_ns(seconds)
+        assert ns is not None and ns / 10**9 == seconds  # of whole numbers: 1e9 would round twice
 
 
 def test_a_depth_image_is_metres_seen_from_above() -> None:
