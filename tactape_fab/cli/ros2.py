@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import shown
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP
 from tactape_fab.cli.printing import echo_lines
@@ -29,6 +30,18 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
              tactape-fab ros2 --tape tactape-s007 --package src/tactape_node
     """
     with answers():
+        at = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
+        more, for_ros = arguments[:at], arguments[at:]
+        unknown = [text for text in more if text.startswith("-")]
+        if unknown:
+            message = f"{shown(unknown[0])} is no option of ros2; give parameters of the node as --ros-args -p NAME:=VALUE"
+            raise SpecError(Problem("ros-args", message))
+        if more and not kits:
+            raise SpecError(Problem("tape", f"{shown(more[0])} stands without an option; give kits as --tape KIT"))
+        if for_ros and package is not None:
+            message = "--ros-args is for a node that runs; leave it out, and write parameters into config/tactape.yaml"
+            raise SpecError(Problem("ros-args", message))
+        kits = [*kits, *more]  # --tape A B, as shells expand patterns
         given: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
         if sensor is not None and package is not None and sensor.endswith(".toml"):  # the node starts in another folder
             given["sensor"] = str(Path(sensor).resolve())
@@ -49,4 +62,4 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
             return
         from tactape_fab.sense.live.ros2_node import run_ros2_node
 
-        run_ros2_node(["tactape-fab", *arguments], **given)
+        run_ros2_node(["tactape-fab", *for_ros], **given)

@@ -419,6 +419,29 @@ def test_the_generated_package_is_whole(default_kit: Kit, tmp_path: Path) -> Non
     assert again.exit_code == 2 and "nothing is written over" in again.output
 
 
+def test_all_kits_behind_tape_are_the_node_s(default_kit: Kit, small_kit: Kit, tmp_path: Path) -> None:
+    """As in `decode --tape A B`: the second was left to rclpy, which passes over what it does not know."""
+    arguments = ["ros2", "--tape", str(default_kit.path), str(small_kit.path), "--package", str(tmp_path / "node")]
+    run = CliRunner().invoke(main, arguments)
+    assert run.exit_code == 0, run.output
+    settings = (tmp_path / "node" / "config" / "tactape.yaml").read_text()
+    assert f"kits: {json.dumps([str(default_kit.path.resolve()), str(small_kit.path.resolve())])}" in settings
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--tape KIT --sensr digit", "'--sensr' is no option of ros2; give parameters of the node as --ros-args -p"),
+        ("--tape KIT -p world:=closed", "'-p' is no option of ros2"),
+        ("KIT", "stands without an option; give kits as --tape KIT"),
+        ("--tape KIT --package node --ros-args -p world:=closed", "--ros-args is for a node that runs"),
+    ],
+)
+def test_what_is_for_nobody_is_refused(words: str, said: str, default_kit: Kit) -> None:
+    run = CliRunner().invoke(main, ["ros2", *(str(default_kit.path) if word == "KIT" else word for word in words.split())])
+    assert run.exit_code == 2 and said in run.output
+
+
 def test_a_sensor_of_one_s_own_is_found_from_any_folder(
     default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
