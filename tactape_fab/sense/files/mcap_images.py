@@ -49,6 +49,8 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
                 ours = ours and any(name.strip().startswith(_OURS) for name in record.library.split(";"))
             elif kind == IMAGE_TYPE:
                 topics[record[0]] = None
+    if not topics:
+        raise SpecError(f"it has no topic of {IMAGE_TYPE}; record the images themselves, which CompressedImage is not")
     if topic is None and len(topics) == 1:
         topic = next(iter(topics))
     if topic not in topics:

@@ -355,6 +355,7 @@ def _long_names(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
+        (lambda folder: mcap(folder / "a.mcap", {}), "it has no topic of sensor_msgs/msg/Image; record the images themselves"),
         (_flipped, "crc validation failed"),
         (_half_a_chunk, "a chunk in it holds 4500 of 9000 bytes"),
         (_many_records, "its chunks unpack to far more records"),
