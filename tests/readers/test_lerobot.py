@@ -101,5 +101,7 @@ def test_it_says_when_nothing_new_comes(camera: Any) -> None:
         assert camera.read_latest().shape == (240, 320, 3)
         with pytest.raises(TimeoutError):
             camera.async_read(timeout_ms=1)
+        with pytest.raises(TimeoutError, match="in the last"):
+            camera.read_latest(max_age_ms=0)
     with pytest.raises(ConnectionError):
         camera.read_latest()

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from math import cos, radians, sin
-from numbers import Integral
+from numbers import Integral, Real
 from os import PathLike
 from threading import Condition, Event, Thread
+from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
@@ -81,6 +82,7 @@ class LiveSensor:
         paths = [str(as_path(kit, "kits", "the paths of kits")) for kit in given]
         self._watched = open_watch(source, paths, sensor, wishes, (), world=world, max_p_false=max_p_false)
         self._latest: Located | None = None
+        self._came_s = 0.0
         self._changed, self._stop, self._tally = Condition(), Event(), Tally()
         self._ended: BaseException | None = None
         self._thread = Thread(target=self._run, daemon=True, name="watch")
@@ -101,7 +103,7 @@ class LiveSensor:
         """Whether answers may still come."""
         return self._ended is None
 
-    def read(self, *, after: int = -1, timeout_s: float = 1.0) -> Located:
+    def read(self, *, after: int = -1, timeout_s: float = 1.0, max_age_s: float | None = None) -> Located:
         """The latest answer, which has ``frame``, ``depth`` and ``fix``.
 
         Parameters
@@ -109,6 +111,9 @@ class LiveSensor:
         after : int
             Wait for an answer whose frame is later than this; -1 for any.
         timeout_s : float
+        max_age_s : float, optional
+            Wait for an answer that came no longer ago than this. By default the latest stays, also of a source that has ended or
+            failed.
 
         Returns
         -------
@@ -121,18 +126,20 @@ class LiveSensor:
         TactapeError
             When the source failed, or has ended and there is no such answer.
         SpecError
-            If `after` is no whole number.
+            If `after` is no whole number, or `max_age_s` no number.
         """
         refuse_other(after, Integral, "after", "index of a frame", "that of the answer before, or -1 for any")
+        refuse_other(max_age_s, (Real, type(None)), "max_age_s", "number of seconds", "one, or leave it out")
+        wanted = f"no frame after {after}" + ("" if max_age_s is None else f" in the last {max_age_s:g} s")
         with self._changed:
-            self._changed.wait_for(lambda: self._ended is not None or self._is_later(after), timeout_s)
-            if self._latest is not None and self._is_later(after):
+            self._changed.wait_for(lambda: self._ended is not None or self._is_wanted(after, max_age_s), timeout_s)
+            if self._latest is not None and self._is_wanted(after, max_age_s):
                 return self._latest
             if isinstance(self._ended, TactapeError):
                 raise self._ended
             if self._ended is not None:
-                raise TactapeError(f"the source has ended, and gave no frame after {after}") from self._ended
-        raise TimeoutError(f"no frame after {after} was located within {timeout_s:g} s")
+                raise TactapeError(f"the source has ended, and gave {wanted}") from self._ended
+        raise TimeoutError(f"{wanted} was located within {timeout_s:g} s")
 
     def close(self) -> None:
         """End it; the answer in hand is finished."""
@@ -145,8 +152,10 @@ class LiveSensor:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def _is_later(self, frame: int) -> bool:
-        return self._latest is not None and self._latest.frame > frame
+    def _is_wanted(self, after: int, max_age_s: float | None) -> bool:
+        if self._latest is None or self._latest.frame <= after:
+            return False
+        return max_age_s is None or perf_counter() - self._came_s <= max_age_s
 
     def _run(self) -> None:
         ended: BaseException = EOFError()
@@ -154,7 +163,7 @@ class LiveSensor:
             for located in watch(self._watched, self._tally, self._stop):
                 if located is not None:
                     with self._changed:
-                        self._latest = located
+                        self._latest, self._came_s = located, perf_counter()
                         self._changed.notify_all()
         except Exception as error:
             ended = error

@@ -66,8 +66,8 @@ class TactapeCamera(Camera):
         return self._take(-1 if self._last is None else self._last.frame, timeout_ms / 1000)
 
     def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
-        """The latest frame, read before or not."""
-        return self._take(-1, max_age_ms / 1000)
+        """The latest frame, read before or not. Raises TimeoutError when it is older, TactapeError when the source has ended."""
+        return self._take(-1, 0.0, max_age_ms / 1000)
 
     def disconnect(self) -> None:
         if self._live is not None:
@@ -96,9 +96,9 @@ class TactapeCamera(Camera):
             raise ConnectionError("the camera is not connected; call connect() first")
         return self._live
 
-    def _take(self, after: int, timeout_s: float) -> np.ndarray:
+    def _take(self, after: int, timeout_s: float, max_age_s: float | None = None) -> np.ndarray:
         live = self._connected()
-        self._last = live.read(after=after, timeout_s=timeout_s)
+        self._last = live.read(after=after, timeout_s=timeout_s, max_age_s=max_age_s)
         depth = live.sensor.canonical(np.asarray(self._last.depth, dtype=np.float32)) * (live.sensor.depth_unit_mm or 1.0)
         gray = np.clip(np.nan_to_num(depth) * (255 / self.config.white_mm), 0, 255).astype(np.uint8)
         return np.repeat(gray[..., None], 3, axis=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -41,6 +42,24 @@ def test_each_read_can_wait_for_a_later_frame(live: LiveSensor) -> None:
     with pytest.raises(TactapeError, match="has ended"):
         live.read(after=COUNT - 1, timeout_s=10.0)
     assert not live.running
+
+
+def test_an_answer_that_is_too_old_is_none(default_kit: Kit, recording: Path, tmp_path: Path) -> None:
+    """A policy must not go on with the place of a camera that was pulled out."""
+    with LiveSensor(str(tmp_path), [str(default_kit.path)], world="closed") as live:
+        with np.load(recording) as frames:
+            np.save(tmp_path / "a.npy", frames["depth"][0])
+        assert live.read(timeout_s=60.0, max_age_s=60.0).frame == 0
+        time.sleep(0.2)
+        assert live.read(timeout_s=0.0).frame == live.read(timeout_s=0.0, max_age_s=60.0).frame == 0
+        with pytest.raises(TimeoutError, match=r"no frame after -1 in the last 0\.1 s was located"):
+            live.read(timeout_s=0.0, max_age_s=0.1)
+        (tmp_path / "a.npy").unlink()
+        tmp_path.rmdir()
+        with pytest.raises(TactapeError, match="cannot be looked into"):
+            live.read(timeout_s=60.0, max_age_s=0.1)
+    with pytest.raises(SpecError, match="max_age_s = '1' is no number of seconds"):
+        live.read(max_age_s="1")  # type: ignore[arg-type]
 
 
 def test_what_does_not_come_in_time_is_said(default_kit: Kit, tmp_path: Path) -> None:
