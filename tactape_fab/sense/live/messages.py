@@ -167,6 +167,8 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     """
     refuse_other(sensor, SensorProfile, "sensor", "SensorProfile", "load_sensor(NAME)")
     given = np.ma.filled(depth.astype(np.float64), np.nan) if isinstance(depth, np.ma.MaskedArray) else depth
+    if isinstance(given, np.ndarray) and given.dtype.kind == "b":  # as the decoder takes them
+        given = given.astype(np.float32)
     with np.errstate(over="ignore", invalid="ignore"):
         values = as_numbers(given, (None, None), "depth", "a depth map (h, w)", finite=False)
         # a profile without a unit leaves values as they are: 1000 mm in a unit, times mm to m, is 1

@@ -131,6 +131,13 @@ def test_a_depth_image_is_metres_seen_from_above() -> None:
     np.testing.assert_array_equal(np.frombuffer(plain["data"], dtype="<f4"), frame.T.ravel().astype("<f4"))
 
 
+@pytest.mark.parametrize("kind", ["?", "u1", "i8", "<u2", ">f4", "f2", "g"])
+def test_every_frame_that_is_located_has_an_image(kind: str) -> None:
+    frame = np.array([[1, 0], [0, 1]]).astype(kind)
+    plain = SensorProfile(name="s", title="", width_px=2, height_px=2, px_per_mm=(16.0, 16.0))
+    assert np.frombuffer(image_message(frame, plain, 0)["data"], dtype="<f4").tolist() == [1.0, 0.0, 0.0, 1.0]
+
+
 def test_every_hole_of_a_depth_image_is_nan() -> None:
     """As the decoder has holes: infinite, masked, and too large for single precision."""
     sensor = SensorProfile(name="s", title="", width_px=4, height_px=1, px_per_mm=(16.0, 16.0), sign=-1)
