@@ -66,3 +66,12 @@ def film(path: Path, images: list[npt.NDArray[np.uint8]]) -> Path:
         writer.write(image)
     writer.release()
     return path
+
+
+def unreadable_film(path: Path, images: list[npt.NDArray[np.uint8]]) -> Path:
+    """A film that opens, and of which no image can be unpacked, as of one in a codec that OpenCV was built without."""
+    data = film(path, images).read_bytes()
+    at = data.index(b"mdat") + 4
+    size = int.from_bytes(data[at - 8 : at - 4], "big") - 8
+    path.write_bytes(data[:at] + bytes(size) + data[at + size :])
+    return path

@@ -127,16 +127,15 @@ def _filmed(folder: Path, topic: str) -> Iterator[Stamped]:
         open_regular(path).close()  # OpenCV would wait for the writer of a FIFO for ever
         capture = cv2.VideoCapture(str(path))
         try:
-            if not capture.isOpened():
+            there, image = capture.read()
+            if not there:  # of AV1, LeRobot's usual codec, OpenCV reads the container and not one image
                 raise SpecError(f"{path.name} cannot be unpacked by this OpenCV; write the dataset with use_videos=False")
-            while True:
-                there, image = capture.read()
-                if not there:
-                    break
+            while there:
                 stamp = next(stamps, None)
                 if stamp is None:
                     raise SpecError(f"its films have more images {_UNSURE}")
                 yield stamp, image
+                there, image = capture.read()
         finally:
             capture.release()
     if next(stamps, None) is not None:

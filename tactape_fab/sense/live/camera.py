@@ -153,6 +153,8 @@ def _shown(
         start, number = perf_counter(), 0
         while True:
             whole, image = capture.read()
+            if not whole and number == 0:
+                raise TactapeError(f"film {shown_path(path)} cannot be unpacked by this OpenCV; write it anew as H.264 or MJPEG")
             if not whole:
                 return
             stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0

@@ -34,7 +34,7 @@ from tactape_fab.sense.files.image_message import colour_of, image_of
 from tactape_fab.sense.files.recordings import is_recording, open_recording
 from tactape_fab.sense.live.cdr import IMAGE
 from tests.live import SHAPE, ramp
-from tests.recordings import dataset, film, image_message, mcap, pictures
+from tests.recordings import dataset, film, image_message, mcap, pictures, unreadable_film
 
 SENSOR = load_sensor("gelsight-mini")
 COUNT = 4
@@ -230,6 +230,13 @@ def test_films_with_other_images_than_rows_are_refused(counts: tuple[int, int], 
     for k, count in enumerate(counts):
         film(folder / "videos" / "touch" / "chunk-000" / f"file-00{k}.mp4", [np.zeros((*SHAPE, 3), dtype=np.uint8)] * count)
     with pytest.raises(SpecError, match=f"its films have {said} images than its tables have rows"):
+        open_recording(folder, SENSOR, colour=True)
+
+
+def test_a_film_of_which_no_image_can_be_unpacked_is_refused(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "set", {"dtype": "video", "shape": [*SHAPE, 3]}, None)
+    unreadable_film(folder / "videos" / "touch" / "chunk-000" / "file-000.mp4", [np.zeros((*SHAPE, 3), dtype=np.uint8)] * COUNT)
+    with pytest.raises(SpecError, match=r"file-000\.mp4 cannot be unpacked by this OpenCV; .* with use_videos=False"):
         open_recording(folder, SENSOR, colour=True)
 
 

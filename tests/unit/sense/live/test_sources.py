@@ -24,6 +24,7 @@ from tactape_fab.sense.live.replay import has_stamps, refuse_no_seconds, replay
 from tactape_fab.sense.live.sources import Frame, Trouble
 from tactape_fab.sense.live.stream import stream_source
 from tests.live import SHAPE, npy, ramp, read, save_npz
+from tests.recordings import unreadable_film
 
 # Replay
 
@@ -508,3 +509,5 @@ def test_a_film_is_read_by_opencv_as_a_camera_is(tmp_path: Path) -> None:
         np.testing.assert_array_equal(shot.image, frame.image)
     with pytest.raises(TactapeError, match=r"none\.avi cannot be opened"):
         read(film_source(tmp_path / "none.avi", (240, 320), keep=False))
+    with pytest.raises(TactapeError, match=r"dark\.mp4 cannot be unpacked by this OpenCV"):
+        read(film_source(unreadable_film(tmp_path / "dark.mp4", [coloured(40)] * 2), (240, 320), keep=False))
