@@ -57,6 +57,7 @@ class _Ros:
     broadcaster: Any
     filled: Any
     ended: tuple[type[BaseException], ...]
+    other_type: type[Exception]
 
 
 def _ros() -> _Ros:
@@ -72,6 +73,7 @@ def _ros() -> _Ros:
             broadcaster=import_module("tf2_ros").TransformBroadcaster,
             filled=import_module("rosidl_runtime_py").set_message_fields,
             ended=(KeyboardInterrupt, import_module("rclpy.executors").ExternalShutdownException),
+            other_type=import_module("rclpy.exceptions").InvalidParameterTypeException,
         )
     except ModuleNotFoundError as error:
         message = (
@@ -116,7 +118,10 @@ class _Served:
 
     def __init__(self, ros: _Ros, node: Any, usual: Mapping[str, Any]) -> None:
         self._ros, self._node = ros, node
-        given = {name: node.declare_parameter(name, value).value for name, value in usual.items()}
+        try:
+            given = {name: node.declare_parameter(name, value).value for name, value in usual.items()}
+        except ros.other_type as error:  # rclpy takes no whole number for a real one
+            raise SpecError(Problem("parameter", f"{error}; give it as its default is written, such as 1.0 for 1")) from error
         self._most_age_s, self._watched = _read(given, self._frames)
         self._frame_id = given["frame_id"] or None
         self._sensor_frame = given["sensor_frame"] or self._watched.job.sensor.name

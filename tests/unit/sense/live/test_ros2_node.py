@@ -105,7 +105,11 @@ class Node:
 
     def declare_parameter(self, name: str, value: Any) -> SimpleNamespace:
         assert value != []  # rclpy cannot tell its type
-        return SimpleNamespace(value=self.given.get(name, value))
+        given = self.given.get(name, value)
+        if type(given) is not type(value):
+            said = f"Trying to set parameter '{name}' to '{given}' of type '{type(given)}', expecting type '{type(value)}'"
+            raise InvalidParameterTypeException(said)
+        return SimpleNamespace(value=given)
 
     def create_publisher(self, kind: Any, topic: str, depth: int) -> SimpleNamespace:
         return SimpleNamespace(publish=lambda sent: self.published.append((topic, sent)))
@@ -161,6 +165,10 @@ class ExternalShutdownException(Exception):  # noqa: N818
     """As rclpy's."""
 
 
+class InvalidParameterTypeException(Exception):  # noqa: N818
+    """As rclpy's, which declares no parameter whose value was given in another type."""
+
+
 @contextmanager
 def ros(monkeypatch: pytest.MonkeyPatch, store: Any, spin: Callable[[Node], None], given: dict[str, Any]) -> Iterator[list[Any]]:
     """The modules of ROS; gives the list of arguments that rclpy was started with, then its node."""
@@ -195,6 +203,7 @@ def ros(monkeypatch: pytest.MonkeyPatch, store: Any, spin: Callable[[Node], None
             "ok": lambda: True,
         },
         "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
+        "rclpy.exceptions": {"InvalidParameterTypeException": InvalidParameterTypeException},
         "rclpy.executors": {"ExternalShutdownException": ExternalShutdownException},
         "rosidl_runtime_py": {"set_message_fields": set_fields(store)},
         "tf2_ros": {"TransformBroadcaster": broadcaster},
@@ -349,6 +358,11 @@ def test_parameters_that_cannot_be_used_are_said_together(monkeypatch: pytest.Mo
     said = str(refused.value)
     for word in ("no-such-kit", "no-such-sensor", "max_p_false", "max_age_s"):
         assert word in said
+
+
+def test_a_parameter_of_another_type_is_said(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(SpecError, match=r"'max_age_s' to '1' .*; give it as its default is written, such as 1\.0 for 1"):
+        run(monkeypatch, lambda node: None, kits=[str(default_kit.path)], max_age_s=1)
 
 
 def test_what_ends_the_thread_ends_the_node_with_its_reason(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
