@@ -82,7 +82,7 @@ class LiveSensor:
         paths = [str(as_path(kit, "kits", "the paths of kits")) for kit in given]
         self._watched = open_watch(source, paths, sensor, wishes, (), world=world, max_p_false=max_p_false)
         self._latest: Located | None = None
-        self._came_s = 0.0
+        self._came_s, self._troubles = 0.0, list[str]()
         self._changed, self._stop, self._tally = Condition(), Event(), Tally()
         self._ended: BaseException | None = None
         self._thread = Thread(target=self._run, daemon=True, name="watch")
@@ -137,9 +137,11 @@ class LiveSensor:
                 return self._latest
             if isinstance(self._ended, TactapeError):
                 raise self._ended
+            self._troubles += self._tally.unsaid()  # the first of each kind
+            why = "".join(f"; {message}" for message in self._troubles)
             if self._ended is not None:
-                raise TactapeError(f"the source has ended, and gave {wanted}") from self._ended
-        raise TimeoutError(f"{wanted} was located within {timeout_s:g} s")
+                raise TactapeError(f"the source has ended, and gave {wanted}{why}") from self._ended
+        raise TimeoutError(f"{wanted} was located within {timeout_s:g} s{why}")
 
     def close(self) -> None:
         """End it; the answer in hand is finished."""

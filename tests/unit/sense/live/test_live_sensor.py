@@ -68,6 +68,17 @@ def test_what_does_not_come_in_time_is_said(default_kit: Kit, tmp_path: Path) ->
     assert not live.running
 
 
+def test_why_nothing_comes_is_said_with_it(default_kit: Kit, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((24, 32), dtype=np.float32))
+    with LiveSensor(str(tmp_path), [str(default_kit.path)]) as live:
+        end = time.monotonic() + 60.0
+        while live._tally.unusable == 0 and time.monotonic() < end:
+            time.sleep(0.01)
+        for _ in range(2):
+            with pytest.raises(TimeoutError, match=r"within 0 s; frame unusable: frame 0: a frame of shape \(24, 32\)"):
+                live.read(timeout_s=0.0)
+
+
 def test_a_source_that_fails_says_so_where_it_is_read(default_kit: Kit, tmp_path: Path) -> None:
     folder = tmp_path / "frames"
     folder.mkdir()
