@@ -14,7 +14,7 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
-from tactape_fab.sense.files.recording_kinds import MCAP, OTHER_BAGS, Opened, Stamped, some_of
+from tactape_fab.sense.files.recording_kinds import MCAP, OTHER_BAGS, UPRIGHT, Opened, Stamped, some_of
 from tactape_fab.sense.raw.colour_images import by_number
 
 MOST_CHUNK_BYTES = 1 << 28
@@ -42,13 +42,13 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
             bag = path if path.suffix.lower() != OTHER_BAGS[0] else path.absolute().parent
             words = f"--src {quote(shown_path(bag))} --dst {quote(f'{shown_path(bag)}-mcap')} --dst-storage mcap"
             raise SpecError(f"it is a bag without an {MCAP} file; with pip install rosbags, rosbags-convert {words} makes one")
-    topics, ours = dict[str, None](), True
+    topics, ours = dict[str, bool](), True
     for file in files:
         for kind, record in _records(file):
             if kind == "Header":
                 ours = ours and any(name.strip().startswith(_OURS) for name in record.library.split(";"))
             elif kind == IMAGE_TYPE:
-                topics[record[0]] = None
+                topics[record[0]] = topics.get(record[0], True) and record[2]
     if not topics:
         raise SpecError(f"it has no topic of {IMAGE_TYPE}; record the images themselves, which CompressedImage is not")
     if topic is None and len(topics) == 1:
@@ -57,7 +57,7 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
         there = some_of(topics)
         said = f"--topic {shown(topic)} is no topic of images in it" if topic else "of which topic its images are has to be said"
         raise SpecError(f"{said}; give --topic NAME, one of: {there}")
-    return topic, ours, partial(_images, files, topic, colour)
+    return topic, ours or topics[topic], partial(_images, files, topic, colour)
 
 
 def _images(files: Sequence[Path], topic: str, colour: bool) -> Iterator[Stamped]:
@@ -70,9 +70,9 @@ def _images(files: Sequence[Path], topic: str, colour: bool) -> Iterator[Stamped
 
 
 def _records(file: Path) -> Iterator[tuple[str, Any]]:
-    """The header, and each message as its type with (topic, bytes)."""
+    """The header, and each message as its type with (topic, bytes, whether its channel is marked as one of ours)."""
     reading = library("mcap.stream_reader", "reading an MCAP file")
-    schemas, channels = dict[int, str](), dict[int, tuple[str, str]]()
+    schemas, channels = dict[int, str](), dict[int, tuple[str, str, bool]]()
     with open_regular(file) as stream:
         reader = reading.StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_CHUNK_BYTES)
         left = _Budget(os.fstat(stream.fileno()).st_size)
@@ -85,10 +85,11 @@ def _records(file: Path) -> Iterator[tuple[str, Any]]:
                 elif kind == "Schema":
                     schemas[record.id] = record.name
                 elif kind == "Channel":
-                    channels[record.id] = (schemas.get(record.schema_id, ""), record.topic)
+                    marked = UPRIGHT in record.metadata.items()
+                    channels[record.id] = (schemas.get(record.schema_id, ""), record.topic, marked)
                 elif kind == "Message" and record.channel_id in channels:
-                    of_type, topic = channels[record.channel_id]
-                    yield of_type, (topic, record.data)
+                    of_type, topic, marked = channels[record.channel_id]
+                    yield of_type, (topic, record.data, marked)
                 if len(schemas) + len(channels) > _MOST_CHANNELS:
                     raise SpecError(f"{shown_path(file)} has more than {_MOST_CHANNELS} topics")
 

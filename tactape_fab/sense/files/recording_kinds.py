@@ -11,6 +11,8 @@ MCAP, BAG, DATASET = ".mcap", "metadata.yaml", "meta/info.json"
 """Marks of a recording: the ending of a file, and what is in a folder of rosbag2 and of LeRobot."""
 OTHER_BAGS = (".db3", ".bag")
 """Endings of bags that nothing here reads: SQLite, and those of ROS 1."""
+UPRIGHT = ("tactape-fab", "upright depth image")
+"""Metadata of our channels of depth images: `mcap merge` keeps it, and names itself alone in the file's header."""
 
 _NAMED, _MOST_SHOWN = 20, 100
 """Topics or features that a message names, and characters of each: a file of 1 MB has 30,000, or one of 1 MB."""

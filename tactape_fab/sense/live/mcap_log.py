@@ -12,7 +12,8 @@ from tactape_fab.base.errors import TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.files.jobs import Located
-from tactape_fab.sense.live.cdr import MessageType
+from tactape_fab.sense.files.recording_kinds import UPRIGHT
+from tactape_fab.sense.live.cdr import IMAGE, MessageType
 from tactape_fab.sense.live.topics import TOPICS, Naming, encoded, topic_of
 
 _CHUNK_BYTES = 1 << 20
@@ -91,6 +92,5 @@ class McapLog:
 
 def _channel(writer: Any, topic: str, kind: MessageType) -> int:
     schema = writer.register_schema(name=kind.name, encoding="ros2msg", data=kind.definition.encode())
-    return int(
-        writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema, metadata={"offered_qos_profiles": ""})
-    )
+    metadata = {"offered_qos_profiles": "", **({UPRIGHT[0]: UPRIGHT[1]} if kind is IMAGE else {})}
+    return int(writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema, metadata=metadata))

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pytest
 from click.testing import CliRunner, Result
-from mcap.writer import CompressionType
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode, StoragePlugin
@@ -110,6 +112,25 @@ def test_our_own_log_stays_ours_when_mcap_s_tools_write_it_anew(library: str, ou
     """As `mcap recover`, `filter` and `compress` do: with the sensor's own sign and unit its depths would be others."""
     path = mcap(tmp_path / "a.mcap", {"/tactape/depth": ramps("32FC1", "<f4")}, library=library)
     assert open_recording(path, SENSOR).ours == ours
+
+
+def test_our_own_log_stays_ours_where_it_is_put_together_with_others(small_kit: Kit, tmp_path: Path) -> None:
+    """As by `mcap merge`: answers of a sensor that is turned by 180 degrees were turned by as much."""
+    np.save(tmp_path / "f.npy", ramp(0))
+    assert run(f"watch {tmp_path}/f.npy --rate 20 --tape {small_kit.path} --mcap {tmp_path}/f.mcap").exit_code == 0
+    other = mcap(tmp_path / "other.mcap", {"/gel/depth": ramps()})
+    with (tmp_path / "both.mcap").open("wb") as stream:
+        writer: Any = Writer(stream)
+        writer.start(profile="ros2", library="mcap go v1.7.0")
+        for path in (tmp_path / "f.mcap", other):
+            for schema, channel, sent in make_reader(BytesIO(path.read_bytes())).iter_messages():
+                assert schema is not None
+                kind = writer.register_schema(name=schema.name, encoding=schema.encoding, data=schema.data)
+                at = writer.register_channel(channel.topic, channel.message_encoding, kind, channel.metadata)
+                writer.add_message(at, sent.log_time, sent.data, sent.publish_time)
+        writer.finish()
+    ours, others = (open_recording(tmp_path / "both.mcap", SENSOR, topic) for topic in ("/tactape/depth", "/gel/depth"))
+    assert (ours.ours, others.ours) == (True, False)
 
 
 def test_depths_of_a_log_without_a_unit_say_nothing_of_the_contact(default_kit: Kit, tmp_path: Path) -> None:
