@@ -121,7 +121,7 @@ def _shot(
             stamp, misses = _taken_s(capture, clock), 0
             whole, image = capture.retrieve()
             if whole:
-                yield Frame(number=number, image=_cut(image, size, crop), timestamp=stamp, keep=keep)
+                yield _frame(number, image, size, crop, stamp, keep)
             else:
                 yield Trouble(kind="image damaged", message=f"frame {number} of camera {shown_path(path)} cannot be unpacked")
             number += 1
@@ -161,20 +161,24 @@ def _shown(
             due_s = stamp if rate_hz is None else number / rate_hz
             if stop.wait(max(0.0, start + due_s - perf_counter())):
                 return
-            yield Frame(number=number, image=_cut(image, size, crop), timestamp=stamp, keep=keep)
+            yield _frame(number, image, size, crop, stamp, keep)
             number += 1
     finally:
         capture.release()
 
 
-def _cut(image: npt.NDArray[Any], size: tuple[int, int], crop: Crop | None) -> npt.NDArray[Any]:
-    """The part of an image that a sensor's frames show, at their size; an image too small for that as it is."""
+def _frame(
+    number: int, image: npt.NDArray[Any], size: tuple[int, int], crop: Crop | None, stamp: float, keep: bool
+) -> Frame | Trouble:
+    """The part of an image that a sensor's frames show, at their size; a trouble where the image does not hold it."""
     cv2 = library("cv2", "reading a camera")
 
-    if crop is None:
-        return image
-    u, v, width, height = crop
-    part = image[v : v + height, u : u + width]
-    if part.shape[:2] != (height, width):
-        return image
-    return np.asarray(cv2.resize(part, (size[1], size[0]), interpolation=cv2.INTER_AREA))
+    if crop is not None:
+        u, v, width, height = crop
+        part = image[v : v + height, u : u + width]
+        if part.shape[:2] != (height, width):  # the whole image might have the frames' size
+            there = f"frame {number} has {image.shape[1]} x {image.shape[0]} px"
+            said = f"{there}, and crop = {','.join(map(str, crop))} reaches beyond; give crop=U,V,WIDTH,HEIGHT within it"
+            return Trouble(kind="image too small", message=said)
+        image = np.asarray(cv2.resize(part, (size[1], size[0]), interpolation=cv2.INTER_AREA))
+    return Frame(number=number, image=image, timestamp=stamp, keep=keep)

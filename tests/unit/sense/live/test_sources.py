@@ -481,9 +481,14 @@ def test_a_camera_s_image_is_cut_and_scaled() -> None:
     )
     found = source(Event())
     frame, small = next(found), next(found)
-    assert isinstance(frame, Frame) and isinstance(small, Frame)
-    assert frame.image.shape == (240, 320, 3) and (frame.image == 200).all()
-    assert small.image.shape == (90, 90, 3)
+    assert isinstance(frame, Frame) and frame.image.shape == (240, 320, 3) and (frame.image == 200).all()
+    assert isinstance(small, Trouble) and "frame 1 has 90 x 90 px, and crop = 50,100,160,120 reaches beyond" in small.message
+
+
+def test_an_image_as_large_as_frames_is_not_taken_whole_where_a_part_is_to_be_cut() -> None:
+    """It shows the gel at another scale than the network's."""
+    source = camera_source(Path("/dev/video0"), (240, 320), (40, 20, 640, 480), opened=lambda _: Shots([coloured(1)]))
+    assert isinstance(next(source(Event())), Trouble)
 
 
 def test_a_camera_that_is_none_is_an_error() -> None:
