@@ -80,6 +80,10 @@ def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs
     for k, one in enumerate(wanted):
         if one.name in [other.name for other in wanted[:k]]:
             problems.append(Problem("sensor", f"sensor {one.name} is named twice; give each a name of its own"))
+    of_pipe = [one.name for one in wanted if one.source == STANDARD_INPUT]
+    if len(of_pipe) > 1:
+        message = f"sensors {', '.join(of_pipe)} all read standard input, and each would get some; give folders for the others"
+        problems.append(Problem("sensor", message))
     first = wanted[0]
     job = prepare_without_frames(kits, first.sensor, problems, colour=first.wishes.raw, **options)
     for key, ending, path in outputs:

@@ -203,6 +203,7 @@ def test_kits_may_follow_tape(default_kit: Kit, small_kit: Kit, pair: tuple[Path
         ("", "no source is given"),
         ("--sensor a=digit:FRAMES --sensor digit", "sensor = 'digit' has no name and others have"),
         ("--sensor left-hand=digit:FRAMES", "its name becomes part of topics of ROS, which has rules for it; use a letter"),
+        ("--sensor a=digit:- --sensor b=digit:-", "sensors a, b all read standard input"),
         ("FRAMES --sensor a=digit:FRAMES", "stands beside --sensor NAME=SENSOR:SOURCE, which has its own; leave it out"),
         ("--sensor a=digit:FRAMES --rerun", "--rerun and --save show one sensor"),
         ("--sensor a=digit:FRAMES --mcap x.mcap --rate 9 --sensor-frame b", "each has its name as frame"),
