@@ -127,9 +127,9 @@ class _Served:
         self._sensor_frame = given["sensor_frame"] or self._watched.job.sensor.name
         self._tally, self._stop = Tally(), Event()
         self.error: Exception | None = None
-        self._queue: SimpleQueue[Frame | Trouble] = SimpleQueue()
+        self._queue: SimpleQueue[Frame] = SimpleQueue()
         self._stamps: dict[int, int] = {}
-        self._number = self._late = self._answered = 0
+        self._number = self._late = self._dropped = self._answered = 0
         self._poses = node.create_publisher(ros.pose, "~/pose", 10)
         self._answers = node.create_publisher(ros.text, "~/fix", 10)
         self._health = node.create_publisher(ros.diagnostics, "/diagnostics", 10)
@@ -156,7 +156,7 @@ class _Served:
         try:
             depth = depth_of(image)
         except FrameError as error:
-            self._queue.put(Trouble(kind=_UNUSABLE, message=f"frame {number}: {error}"))
+            self._tally.trouble(Trouble(kind=_UNUSABLE, message=f"frame {number}: {error}"))
             return
         # whole ns beside the frame: its float of seconds would not give them back
         self._stamps[number] = stamp
@@ -164,9 +164,12 @@ class _Served:
             # in one call, as the other thread deletes as well
             for old in list(self._stamps)[: _MOST_STAMPS // 2]:
                 self._stamps.pop(old, None)
+        with suppress(Empty):  # nobody takes them while the locator compiles, and a minute of images fills a robot's memory
+            self._queue.get_nowait()
+            self._dropped += 1
         self._queue.put(Frame(number=number, image=depth, timestamp=stamp / _NS))
 
-    def _frames(self, stop: Event) -> Iterator[Frame | Trouble]:
+    def _frames(self, stop: Event) -> Iterator[Frame]:
         while not stop.is_set():
             try:
                 yield self._queue.get(timeout=_PATIENCE_S)
@@ -221,7 +224,7 @@ class _Served:
         values = {
             "answered": tally.answered,
             "located": tally.located,
-            "dropped": tally.dropped,
+            "dropped": tally.dropped + self._dropped,
             "late": self._late,
             "unusable": unusable,
             "latency_ms_p50": f"{tally.latencies.percentile_ms(50):.2f}",

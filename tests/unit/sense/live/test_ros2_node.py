@@ -352,6 +352,22 @@ def test_images_that_never_get_an_answer_leave_no_stamps_behind(default_kit: Kit
     assert max(kept) == 10
 
 
+def test_images_that_come_while_the_locator_compiles_are_not_kept(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A minute of them, at 60 Hz, takes gigabytes."""
+    monkeypatch.setattr(ros2_node, "watch", lambda *_: iter(()))  # takes none
+
+    def spin(node: Node) -> None:
+        for k in range(50):
+            node.callback(depth_message(STORES["humble"], np.zeros((240, 320), dtype=np.float32), STAMP + k))
+        served = node.callback.__self__
+        assert (served._queue.qsize(), served._queue.get().number) == (1, 49)
+        node.timers[0]()
+        raise KeyboardInterrupt
+
+    _, node = run(monkeypatch, spin, kits=[str(default_kit.path)])
+    assert {"dropped": "49"}.items() <= {v.key: v.value for v in node.of("/diagnostics")[0].status[0].values}.items()
+
+
 def test_parameters_that_cannot_be_used_are_said_together(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SpecError) as refused:
         run(monkeypatch, lambda node: None, kits=["no-such-kit"], sensor="no-such-sensor", max_p_false=2.0, max_age_s=-1.0)
