@@ -120,7 +120,8 @@ def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Even
             number, said = number + 1, None
             continue
         if array.ndim == 0:
-            said = float(array)
+            # as of a file: a float does not hold whole numbers beyond 2^53, such as ns since 1970
+            said = int(array) if array.dtype.kind in "iu" and abs(int(array)) > 2**53 else float(array)
             continue
         stack = array.ndim == 3
         for image in array if stack else [array]:

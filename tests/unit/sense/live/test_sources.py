@@ -134,6 +134,12 @@ def test_a_number_before_a_frame_is_its_timestamp() -> None:
     assert [f.timestamp for f in read(stream_source(io.BytesIO(data), clock=lambda: 77.0))[0]] == [1234.5, 77.0, 2.5]
 
 
+@pytest.mark.parametrize("stamp", [np.int64(1763800000123456789), np.uint64(2**64 - 1), np.int32(7), np.longdouble(1.5)])
+def test_whole_numbers_are_passed_on_to_the_last_digit(stamp: np.number[Any]) -> None:
+    (frame,) = read(stream_source(io.BytesIO(npy(stamp) + npy(ramp(0)))))[0]
+    assert frame.timestamp == stamp.item() and type(frame.timestamp) in (int, float)
+
+
 @pytest.mark.parametrize("damaged", [npy(ramp(0))[:-1000], npy(np.zeros(3)), npy(ramp(0))[1:]])
 def test_a_timestamp_is_of_no_frame_behind_a_damaged_one(damaged: bytes) -> None:
     """Cut off, of no frame's shape, and without its first byte."""
