@@ -171,7 +171,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
 def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, Any]) -> tuple[int | None, list[Watch]]:
     """Number of answers after which to end (None: no end), and the opened sources with their jobs."""
     from tactape_fab.base.errors import SpecError, tried
-    from tactape_fab.base.fields import Fields
+    from tactape_fab.base.fields import Fields, shown
     from tactape_fab.sense.live.extras import missing_extra
     from tactape_fab.sense.live.messages import FRAME_BY_NAME
     from tactape_fab.sense.live.opening import open_watches
@@ -182,6 +182,10 @@ def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, A
     unsent = given["mcap"] is None and given["zenoh"] is None
     if unsent and (given["frame_id"] is not None or given["sensor_frame"] is not None):
         table.problem("mcap", "--frame-id and --sensor-frame are for messages; give --mcap FILE.mcap with them, or --zenoh local")
+    for key in ("frame-id", "sensor-frame"):
+        name = given[key.replace("-", "_")]
+        if name is not None and not (name and name.isprintable()):  # nor are bytes that are no UTF-8
+            table.problem(key, f"--{key} = {shown(name)} is no name of a frame; give letters, digits and _, or leave it out")
     if wanted[0].name and given["sensor_frame"] is not None:
         table.problem("sensor-frame", "--sensor-frame is for one sensor; of several, each has its name as frame; leave it out")
     if wanted[0].name and (given["rerun"] or given["save"] is not None):

@@ -375,6 +375,8 @@ def test_frames_of_another_sensor_alone_are_a_failure(default_kit: Kit, frames: 
         ("{frames} --tape {kit} --mcap a.mcap", ["holds no timestamps", "--rate HZ"]),
         ("{frames} --tape {kit} --mcap a.bag --save none/a.rrd --rate 9", ["a.bag does not end with .mcap", "no folder"]),
         ("{frames} --tape {kit} --frame-id a", ["--mcap FILE.mcap with them"]),
+        ("{frames} --tape {kit} --rate 9 --mcap a.mcap --frame-id=", ["--frame-id = '' is no name of a frame"]),
+        ("{frames} --tape {kit} --rate 9 --mcap a.mcap --sensor-frame a\udcff", ["--sensor-frame = 'a\\udcff' is no name"]),
         ("{frames} --tape {kit} --raw", ["--raw is for a camera", "give --background FILE", "give --weights FILE"]),
         ("{frames} --tape {kit} --weights a.pth", ["--weights = 'a.pth' is for colour images; give --raw with it, or leave"]),
         ("{frames} --tape {kit} --crop 1,2,3,0 --raw", ["cuts out nothing", "is for cameras"]),
