@@ -77,6 +77,8 @@ class FrameFile:
                 yield read_picture(self.path)
                 return
             with _opened(self.path) as (stream, header):
+                if _counted(header) != (self.count, self.frame_shape):
+                    raise SpecError("it was written anew while it was read; give it when it is whole")
                 # column by column a frame's values are spread over the whole file: the stack is read at once
                 if header.fortran:
                     yield from _read(stream, header).reshape(self.count, *self.frame_shape)

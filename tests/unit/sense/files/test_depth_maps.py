@@ -65,6 +65,16 @@ def test_frames_stored_column_by_column_are_turned_round(tmp_path: Path) -> None
     np.testing.assert_array_equal(read(open_frame_file(tmp_path / "one.npy")), ramp(1))
 
 
+def test_a_file_of_another_shape_in_its_place_is_not_read_as_the_first(tmp_path: Path) -> None:
+    """Its rows would be cut at other places."""
+    np.save(tmp_path / "f.npy", ramp(3))
+    file = open_frame_file(tmp_path / "f.npy")
+    for other in (ramp(3).transpose(0, 2, 1).copy(), ramp(4)):
+        np.save(tmp_path / "f.npy", other)
+        with pytest.raises(SpecError, match="it was written anew while it was read"):
+            read(file)
+
+
 def test_one_frame_needs_no_third_axis(tmp_path: Path) -> None:
     np.savez(tmp_path / "f.npz", depth=ramp(1)[0], timestamp=3.5)
     file = open_frame_file(tmp_path / "f.npz")
