@@ -391,7 +391,7 @@ def _long_names(folder: Path) -> Path:
         (_vast_rows, r"rows of file-000\.parquet unpack to more than [\d]+ bytes at once"),
         (_long_names, r"1 x{98}\.\.\., .*, 19 x{97}\.\.\. and 80 more$"),
         (_several, "give --topic NAME, one of: /left, /right"),
-        (_cut, "is damaged"),
+        (_cut, r"is damaged .*; mcap recover FILE\.mcap -o WHOLE\.mcap saves what is whole"),
         (_no_file, "rosbags-convert --src .* --dst-storage mcap"),
         (_bomb, "unpacks to more than"),
         (_noise, "is damaged"),
