@@ -46,6 +46,7 @@ class _Waiting:
     reason: str = ""
     said: bool = False
     taken: int = 0
+    inode: int = 0
     keep: bool = False
 
 
@@ -129,6 +130,8 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
     except OSError as error:
         file.reason = reason_of(error)
         return
+    if status.st_ino != file.inode:  # another file was moved into its place: none of its frames was taken
+        file.inode, file.taken, file.seen = status.st_ino, 0, (-1, -1)
     seen, now_s = (status.st_size, status.st_mtime_ns), perf_counter()
     settled = path.suffix.lower() not in (".tif", ".tiff") or time() - status.st_mtime > _SETTLED_S
     # neither size nor time has changed: another try would end as the last one did

@@ -319,6 +319,17 @@ def test_a_file_that_stays_cut_off_is_said_once_and_does_not_hold_up_others(
         assert sum(f"{tmp_path / name}" in t.message for t in source.troubles) == 1
 
 
+def test_a_file_moved_into_the_place_of_an_unfinished_one_is_taken_whole(tmp_path: Path) -> None:
+    data = npy(np.stack([ramp(0), ramp(1)]))
+    (tmp_path / ".new").write_bytes(npy(np.stack([ramp(2), ramp(3)])))
+    with Growing(tmp_path) as source:
+        (tmp_path / "a.npy").write_bytes(data[:-1000])
+        source.wait(1)
+        (tmp_path / ".new").replace(tmp_path / "a.npy")
+        source.wait(3)
+    assert [int(f.image[0, 0]) for f in source.frames] == [0, 2, 3]
+
+
 def test_a_folder_ends_when_idle_and_says_what_it_leaves(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", ramp(0))
     (tmp_path / "b.npy").write_bytes(npy(ramp(1))[:-1])
