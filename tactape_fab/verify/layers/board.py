@@ -16,7 +16,7 @@ from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.shapes import inset_mm, rotate
+from tactape_fab.texture.shapes import area_mm2, inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
@@ -53,11 +53,20 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     sides = shapely.STRtree(shapely.linestrings(np.stack([stroke[:-1], stroke[1:]], axis=1)))
     from_drawn_mm = nearest(shapely.get_coordinates(expected.exterior), sides)[1]
     # both ways: drawn points from the expected outline by its formula, and expected points from the drawn chords
-    error_mm = float(max(np.abs(inset_mm(stroke, board.size_mm, radius)).max(), from_drawn_mm.max()))
+    error_mm = float(max(off_outline_mm(stroke, board.size_mm, radius), from_drawn_mm.max()))
     passed = error_mm <= OUTLINE_TOLERANCE_MM
     size = stroke.max(axis=0) - stroke.min(axis=0)
     message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
     return Check(name="profile", passed=passed, message=message, figure=error_mm * 1000, unit="um")
+
+
+def off_outline_mm(closed_mm: FloatArray, size_mm: tuple[float, float], radius_mm: float) -> float:
+    """How far a closed line, its first point repeated, is off a board's outline, or its area from the board's on the mean."""
+    # middles of its sides as well: those of a cut across the board end on the outline
+    points = np.concatenate([closed_mm, (closed_mm[1:] + closed_mm[:-1]) / 2])
+    width, height = size_mm
+    missing_mm2 = width * height - (4 - pi) * radius_mm**2 - area_mm2(closed_mm)
+    return float(max(np.abs(inset_mm(points, size_mm, radius_mm)).max(), abs(missing_mm2) / (2 * (width + height))))
 
 
 def pen_problem(content: GerberContent) -> str | None:

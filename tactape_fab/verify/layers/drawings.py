@@ -16,8 +16,8 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.layers.board import off_outline_mm
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm
@@ -68,7 +68,8 @@ def _dxf_problems(
         return [f"it cannot be read: {error}"]
     outline, parts = drawn.pop("OUTLINE", []), expected.parts_xy_mm
     problems = []
-    if len(outline) != 1 or _off_outline_mm(outline[0], expected.size_mm, radius_mm) > PLACE_TOLERANCE_MM:
+    closed = outline[0][[*range(len(outline[0])), 0], :2] if len(outline) == 1 else None
+    if closed is None or off_outline_mm(closed, expected.size_mm, radius_mm) > PLACE_TOLERANCE_MM:
         problems.append(f"its outline is not that of {expected.size_mm[0]:g} x {expected.size_mm[1]:g} mm")
     areas, strokes = ((), ()) if legend is None else (legend.areas_mm, legend.strokes_mm)
     holes = np.array(expected.holes, dtype=float).reshape(-1, 1, 3)
@@ -150,13 +151,6 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(
         [np.column_stack([line, np.zeros((len(line), 3 - line.shape[1]))]) for line in lines] or [np.empty((0, 3))]
     )
-
-
-def _off_outline_mm(line: FloatArray, size_mm: tuple[float, float], radius_mm: float) -> float:
-    low, high = _box(line)
-    # points on the outline alone may be a part of it: the bounds say that it goes all the way round
-    box_mm = max(np.abs(low).max(), np.abs(high - size_mm).max())
-    return float(max(box_mm, np.abs(inset_mm(line[:, :2], size_mm, radius_mm)).max()))
 
 
 def _box(line: FloatArray) -> tuple[FloatArray, FloatArray]:

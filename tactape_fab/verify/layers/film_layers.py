@@ -19,6 +19,7 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.layers.lands import outlines_apart_mm
 
 TOLERANCE_MM = 0.001
 _EDGE_TOLERANCE_MM = 0.0005
@@ -168,8 +169,7 @@ def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRe
     expected = shapely.Polygon(gang_window(tape.board, tape.part_xy_mm(), opening_mm))
     if not window.is_valid:
         return [Check(name=name, passed=False, message="the window crosses itself")]
-    # either outline's farthest point from the other, along straight sides as well as in corners
-    error_mm = float(shapely.hausdorff_distance(window.exterior, expected.exterior))
+    error_mm = outlines_apart_mm(window, expected)
     passed = error_mm <= TOLERANCE_MM
     message = f"{'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the window that these parts ask for"
     checks = [Check(name=name, passed=passed, message=message, figure=error_mm * 1000, unit="um")]
@@ -199,7 +199,9 @@ def check_backing(role: str, content: GerberContent, path: str, backing: str, ou
         problems.append("other objects than one area")
     elif outline_mm is not None:
         area, outline = shapely.Polygon(content.areas_mm[0]), shapely.Polygon(outline_mm)
-        error_mm = float(shapely.hausdorff_distance(area.exterior, outline.exterior))
+        error_mm = outlines_apart_mm(area, outline)
+        if not area.is_valid:
+            problems.append("its area crosses itself")
         if error_mm > TOLERANCE_MM:
             problems.append(f"it leaves the outline by {error_mm:.3f} mm")
     # no Gerber layer says material and thickness: its name is what the fab has of them

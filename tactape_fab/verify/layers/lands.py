@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -74,6 +75,13 @@ def apart_mm(points: FloatArray, others: FloatArray) -> float:
         # both ways, as one set may hold a point twice and lack another
         far = max(far, float(distance.max()), float(np.abs(these[:, 2:] - those[index, 2:]).max(initial=0.0)))
     return far
+
+
+def outlines_apart_mm(drawn: Any, expected: Any) -> float:
+    """How far two polygons lie apart: the farthest of corners and middles of sides, or the mean by which their areas differ."""
+    # a slit has its corners on the other's sides, and a sliver along them has all of itself there
+    sides_mm = shapely.hausdorff_distance(drawn.exterior, expected.exterior, densify=0.5)
+    return max(float(sides_mm), float(abs(drawn.area - expected.area) / expected.length))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -276,11 +284,13 @@ def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
 
 def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray) -> Check:
     """Check that every flashed outline is the manifest's, about its own origin."""
-    target = shapely.Polygon(expected).exterior
+    drawn = [shapely.Polygon(outline) for outline in outlines]
     # either outline's farthest point from the other: a missing rounding shows, which an area within 1 % may not
-    error_mm = max(float(shapely.hausdorff_distance(shapely.Polygon(outline).exterior, target)) for outline in outlines)
-    passed = error_mm <= PLACE_TOLERANCE_MM
+    error_mm = max(outlines_apart_mm(polygon, shapely.Polygon(expected)) for polygon in drawn)
+    passed, crossed = error_mm <= PLACE_TOLERANCE_MM, not all(polygon.is_valid for polygon in drawn)
     message = f"outline {'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the manifest's"
+    if crossed:
+        passed, message = False, f"{message}; it crosses itself"
     return Check(name=f"{name} shape", passed=passed, message=message, figure=error_mm * 1000, unit="um")
 
 

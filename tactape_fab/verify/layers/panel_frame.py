@@ -15,7 +15,7 @@ from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.board import pen_problem
-from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, outlines_apart_mm
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, whole
 
 _DIAMETER_TOLERANCE_MM = 0.005
@@ -36,11 +36,8 @@ def check_cut(content: GerberContent, panel: Panel) -> Check:
     if not all(polygon.is_valid for polygon in drawn):
         return Check(name=name, passed=False, message="a contour crosses itself")
     outline = shapely.Polygon(panel.outline_mm)
-    errors = [float(shapely.hausdorff_distance(drawn[0].exterior, outline.exterior))]
-    errors += [
-        float(shapely.hausdorff_distance(polygon.exterior, shapely.Polygon(slot).exterior))
-        for polygon, slot in zip(drawn[1:], expected, strict=True)
-    ]
+    wanted = [outline, *map(shapely.Polygon, expected)]
+    errors = [outlines_apart_mm(polygon, contour) for polygon, contour in zip(drawn, wanted, strict=True)]
     # what is checked is what the cut does: whether a tape stays whole, and how many pieces of its outline stay uncut
     slots, tapes = shapely.union_all(drawn[1:]), [shapely.Polygon(place.outline_mm) for place in panel.places]
     problems = [

@@ -143,6 +143,10 @@ def turned_body(text: str) -> str:
     return re.sub(r"(?<=D11\*\n)X(\d+)Y(\d+)D02", lambda m: f"X{int(m[1]) + 50_000}Y{m[2]}D02", text, count=1)
 
 
+ACROSS = "X11000000Y20000000D01*\nX11000000Y500D01*\nX10000000Y500D01*\nX10000000Y20000000D01*\n"
+"""From the upper side to half a micrometre from the lower one, and back: all its corners lie on the outline."""
+TONGUE = "-0.091924,0.261630,\n0.261276,-0.091571,\n0.091571,-0.261276,\n-0.261630,0.091924,\n"
+
 ATTACKS: dict[str, tuple[Edit, str]] = {
     "zip: Unicode path exchanges copper and paste": (rewritten(unicode_path), "fab-zip"),
     "zip: symbolic link": (rewritten(as_link), "fab-zip"),
@@ -176,6 +180,14 @@ ATTACKS: dict[str, tuple[Edit, str]] = {
     "outline: 5 mm wide": (swap("profile", "C,0.100000", "C,5.000000"), "profile"),
     "outline: hairline": (swap("profile", "C,0.100000", "C,0.000100"), "profile"),
     "outline: clear": (swap("profile", "%LPD*%", "%LPC*%"), "profile"),
+    "outline: a cut across": (
+        swap("profile", "X1000000Y20000000D01*", ACROSS + "X1000000Y20000000D01*"),
+        "profile",
+    ),
+    "coverlay: a tongue across each opening": (
+        text_of("coverlay-top", lambda t: t.replace("4,1,4,", "4,1,8,").replace("\n-0.601041,", "\n" + TONGUE + "-0.601041,")),
+        "coverlay-top shape",
+    ),
     "drill: 100,000,000 holes in a line": (drill_repeat, "drill-npth"),
     "drill: inches": (swap("drill-npth", "METRIC\n", "INCH\n"), "written form"),
     "drill: routed slot": (swap("drill-npth", "M30\n", "G00X1.0000Y1.0000\nM15\nG01X9.0000Y9.0000\nM16\nM30\n"), "written form"),
@@ -288,6 +300,15 @@ def script_with_its_hash(kit: OpenKit) -> None:
     kit.data["report"] = swapped(swapped(data, old, new), a, b)
 
 
+def dxf_cut(text: str) -> str:
+    """The outline with a cut from its lower side to the upper one."""
+    vertex = "  0\nVERTEX\n  8\nOUTLINE\n 10\n%f\n 20\n%f\n 30\n0.0\n"
+    first = vertex % (19.0, 0.0)
+    assert first in text
+    cut = ((10.0, 0.0), (10.0, 19.9995), (11.0, 19.9995), (11.0, 0.0))
+    return text.replace(first, "".join(vertex % point for point in cut) + first)
+
+
 FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "notes: 1.6 mm": (notes("0.11 mm", "1.6 mm"), "order-notes"),
     "notes: a second thickness": (
@@ -321,6 +342,7 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "notes: merge openings": (notes("Do not merge openings", "Please merge openings"), "order-notes"),
     "notes: quantity": (notes("STEP 8. ", "   96 parts a board, 1960 parts in all\n\nSTEP 8. "), "order-notes"),
     "dxf: outline": (swap("fab-dxf", "20.000000", "20.100000"), "fab-dxf"),
+    "dxf: a cut across": (text_of("fab-dxf", dxf_cut), "fab-dxf"),
     "dxf: no hole": (text_of("fab-dxf", lambda t: re.sub(r"  0\nCIRCLE\n(?:.*\n){10}", "", t)), "fab-dxf"),
     "dxf: hole": (swap("fab-dxf", " 40\n0.500000", " 40\n0.800000"), "fab-dxf"),
     "dxf: inches": (swap("fab-dxf", "$INSUNITS\n 70\n4", "$INSUNITS\n 70\n1"), "fab-dxf"),

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shapely import Polygon, box
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
@@ -24,6 +25,7 @@ from tactape_fab.verify.layers.lands import (
     check_lands,
     check_openings,
     opening_outline,
+    outlines_apart_mm,
     pair_lands,
     point_tree,
     read_recorded,
@@ -181,6 +183,17 @@ def test_outlines_and_areas_that_differ_say_by_how_much() -> None:
     right = lands_of(copper())["copper area"].figure
     assert right is not None and area.figure == pytest.approx(1.05**2 * (100.0 + right) - 100.0)
     assert area.message.endswith(f"specified ({area.figure:+.2f} %)")
+
+
+def test_outlines_whose_corners_alone_lie_on_the_right_one_are_off() -> None:
+    right = box(-2.0, -1.0, 2.0, 1.0)
+    slit = [(-2, -1), (2, -1), (2, 1), (0.001, 1), (0.001, -0.9995), (-0.001, -0.9995), (-0.001, 1), (-2, 1)]
+    assert outlines_apart_mm(Polygon(slit), right) == pytest.approx(1.0, abs=0.01)
+    sliver = [(-2, -1), (2, -1), (2, 1), (-2, 1), (-2, -0.999), (-1.9995, -0.999), (-1.9995, 0.9995), (1.9995, 0.9995)]
+    assert outlines_apart_mm(Polygon([*sliver, (1.9995, -0.9995), (-1.9999, -0.9995)]), right) > 0.5
+    swapped = copper().aperture_outlines_mm[0].copy()
+    swapped[[1, 2]] = swapped[[2, 1]]
+    assert lands_of(replace(copper(), aperture_outlines_mm=(swapped,)))["copper shape"].message.endswith("; it crosses itself")
 
 
 def test_one_aperture_of_two_without_area_is_enough() -> None:
