@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,15 @@ def added_to_r1(item: str) -> Callable[[str], str]:
     return lambda text: text.replace('    (pad "1"', f'    {item}\n    (pad "1"', 1)
 
 
+def octagon(text: str) -> str:
+    """The board's sides and corners as eight lines between points of its outline."""
+    at = [(26, 40), (34, 40), (40, 34), (40, 26), (34, 20), (26, 20), (20, 26), (20, 34)]
+    lines = [
+        f'(gr_line (start {a} {b}) (end {c} {d}) (layer "Edge.Cuts") (width 0.1))' for (a, b), (c, d) in pairwise(at + at[:1])
+    ]
+    return added("\n  ".join(lines))(re.sub(r'\n  \(gr_(?:line|arc) [^\n]*"Edge.Cuts"[^\n]*', "", text))
+
+
 CHANGES = {
     "part moved": (footprint_moved, "off the grid: R10 by 20.0 um"),
     "part dropped": (footprint_dropped, "R10"),
@@ -66,6 +76,11 @@ CHANGES = {
     "stencil": (replaced("(size 0.318 0.36)", "(size 0.318 0.4)"), "stencil aperture 1 is not"),
     "outline larger": (replaced("(start 21.000000 40.000000)", "(start 21.000000 40.200000)"), "outline"),
     "outline open": (lambda t: re.sub(r'\n  \(gr_arc [^\n]*"Edge.Cuts"[^\n]*', "", t, count=1), "7 sides"),
+    "corners cut off": (octagon, "its outline is not that of the outline layer"),
+    "ink in another order": (
+        lambda t: re.sub(r"(pts )(\(xy \S+ \S+\)) (.*?) (\(xy \S+ \S+\))(\) \(layer \"F.SilkS\"\))", r"\1\4 \3 \2\5", t, count=1),
+        "areas of ink",
+    ),
     "hole larger": (replaced("(drill 1)", "(drill 1.1)"), "holes are not the manifest's 1"),
     "origin moved": (replaced("(aux_axis_origin 20 40)", "(aux_axis_origin 21 40)"), "off the grid: R1 by 1000.0 um"),
     "body begins elsewhere": (replaced("(fp_rect (start -0.3 -0.15)", "(fp_rect (start -0.2 -0.15)", 1), "another body"),

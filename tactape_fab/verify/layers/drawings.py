@@ -18,9 +18,11 @@ from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.layers.board import off_outline_mm
+from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm
+from tactape_fab.verify.layers.written_form import same_contours, segments
 
 _MOST_TEXT = 8 << 20
 """Bytes of the unpacked page; one of 20,000 parts has 1.5 MB."""
@@ -72,12 +74,22 @@ def _dxf_problems(
     if closed is None or off_outline_mm(closed, expected.size_mm, radius_mm) > PLACE_TOLERANCE_MM:
         problems.append(f"its outline is not that of {expected.size_mm[0]:g} x {expected.size_mm[1]:g} mm")
     areas, strokes = ((), ()) if legend is None else (legend.areas_mm, legend.strokes_mm)
-    holes = np.array(expected.holes, dtype=float).reshape(-1, 1, 3)
+    holes, none = np.array(expected.holes, dtype=float).reshape(-1, 1, 3), np.empty((0, 3))
     contours: dict[str, Sequence[FloatArray]] = {"SLOTS": slots_mm, "HOLES": [*holes], "TAG": areas, "LABEL": strokes}
     for layer, wanted in contours.items():
         found = drawn.pop(layer, [])
-        same = layer == "LABEL" or len(found) == len(wanted)  # a Gerber file may break a line where the DXF does not
-        if not same or apart_mm(_joined(found), _joined(wanted)) > PLACE_TOLERANCE_MM:
+        flat = [line[:, :2] for line in found]
+        if layer == "HOLES":
+            same = (
+                len(found) == len(wanted)
+                and apart_mm(np.concatenate([*found, none]), np.concatenate([*wanted, none])) <= PLACE_TOLERANCE_MM
+            )
+        elif layer == "LABEL":  # a Gerber file may break a line where the DXF does not
+            these, those = (segments(lines).reshape(-1, 2, 2) for lines in (flat, wanted))
+            same = not len(without_counterpart(these, those)) + len(without_counterpart(those, these))
+        else:
+            same = same_contours(flat, wanted, PLACE_TOLERANCE_MM)
+        if not same:
             problems.append(f"its {layer} are {len(found)} contours that are not the {len(wanted)} of the kit")
     # a field is the box in which all its parts lie; a panel has one for each tape
     fields = [_box(line) for line in drawn.pop("FIELD", [])]
@@ -144,13 +156,6 @@ def _numbers(tags: list[tuple[int, str]], codes: tuple[int, ...]) -> tuple[float
     if not all(abs(value) <= _FAR_MM for value in values):  # nor is NaN; squares of distances stay finite
         raise ValueError(f"a point of it is farther away than {_FAR_MM:g} mm")
     return values
-
-
-def _joined(lines: Sequence[FloatArray]) -> FloatArray:
-    """Distinct points of all contours, shape (n, 3): contours may be written closed or not."""
-    return np.concatenate(
-        [np.column_stack([line, np.zeros((len(line), 3 - line.shape[1]))]) for line in lines] or [np.empty((0, 3))]
-    )
 
 
 def _box(line: FloatArray) -> tuple[FloatArray, FloatArray]:

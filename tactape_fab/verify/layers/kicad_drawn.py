@@ -19,7 +19,7 @@ from tactape_fab.texture.shapes import rotate
 from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm, nearest, point_tree
-from tactape_fab.verify.layers.written_form import segments
+from tactape_fab.verify.layers.written_form import same_contours, segments
 
 At = tuple[float, float, float]
 _ARC_TOLERANCE_MM = 0.01
@@ -189,7 +189,7 @@ def _openings(
         for item in footprint:
             if item[0] == "fp_rect" and isinstance(item, tuple) and layer_of(item) == "F.Mask":
                 placed.setdefault(id(item), (item, []))[1].append(place)
-    count, corners = len(polygons), [*polygons]
+    count, corners = len(polygons), list[FloatArray]()
     for item, places in placed.values():
         _refuse_hollow(item)
         (x0, y0), (x1, y1) = values(item, "start"), values(item, "end")
@@ -203,11 +203,12 @@ def _openings(
     if len(fiducials_mm):
         # a fiducial's opening is its pad's own mask, no rectangle that is drawn
         kept = nearest(coverlay.flash_xy_mm, point_tree(fiducials_mm))[1] > PLACE_TOLERANCE_MM
-    flashes, aperture, wanted = coverlay.flash_xy_mm[kept], coverlay.flash_aperture[kept], [*coverlay.areas_mm]
+    flashes, aperture, wanted = coverlay.flash_xy_mm[kept], coverlay.flash_aperture[kept], list[FloatArray]()
     for k, outline in enumerate(coverlay.aperture_outlines_mm):
         wanted.append((flashes[aperture == k][:, None] + outline).reshape(-1, 2))
     openings = len(flashes) + len(coverlay.areas_mm)
-    if count == openings and _points_apart_mm(corners, wanted) <= PLACE_TOLERANCE_MM:
+    same = same_contours(polygons, coverlay.areas_mm, PLACE_TOLERANCE_MM)
+    if count == openings and same and _points_apart_mm(corners, wanted) <= PLACE_TOLERANCE_MM:
         return []
     return [f"its {count} openings are not the {openings} of the coverlay layer"]
 
@@ -218,7 +219,7 @@ def _ink(silk: Sequence[Tree], origin_mm: FloatArray, legend: GerberShapes | Non
     polygons = [_polygon(item, origin_mm) for item in silk if item[0] == "gr_poly"]
     lines = [item for item in silk if item[0] == "gr_line"]
     problems = []
-    if len(polygons) != len(areas) or _points_apart_mm(polygons, areas) > PLACE_TOLERANCE_MM:
+    if not same_contours(polygons, areas, PLACE_TOLERANCE_MM):
         problems.append(f"its {len(polygons)} areas of ink are not the {len(areas)} of the legend layer")
     on_sheet_mm = np.array([(values(line, "start"), values(line, "end")) for line in lines]).reshape(-1, 2, 2)
     ends = (on_sheet_mm - origin_mm) * (1.0, -1.0)
@@ -232,12 +233,14 @@ def _ink(silk: Sequence[Tree], origin_mm: FloatArray, legend: GerberShapes | Non
 
 
 def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile: GerberShapes | None) -> list[str]:
-    """Check that sides and corners follow the outline layer, one after the other."""
+    """Check that sides and corners, with their middles, follow the outline layer, one after the other."""
     if profile is None or not profile.strokes_mm:
         return []
     sides = [item for kind in ("gr_line", "gr_arc") for item in lists.get(kind, []) if layer_of(item) == "Edge.Cuts"]
     ends = np.array([values(item, end) for item in sides for end in ("start", "end")]).reshape(-1, 2)
     middles = np.array([values(item, "mid") for item in sides if item[0] == "gr_arc"]).reshape(-1, 2)
+    straight = np.array([item[0] == "gr_line" for item in sides], dtype=bool)
+    middles = np.concatenate([middles, ends.reshape(-1, 2, 2)[straight].mean(axis=1)])
     cut = shapely.MultiLineString([stroke for stroke in profile.strokes_mm if len(stroke) > 1])
     points = (np.concatenate([ends, middles]) - origin_mm) * (1.0, -1.0)
     far_mm = shapely.distance(shapely.points(points), cut)

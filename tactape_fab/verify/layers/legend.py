@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
@@ -22,7 +22,7 @@ from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tag import CODE_CELLS
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.job_file import known_fab
-from tactape_fab.verify.layers.written_form import alike, segments
+from tactape_fab.verify.layers.written_form import same_contours, segments
 
 _PX_PER_CELL = 12
 _OVERSAMPLING = 4
@@ -30,7 +30,6 @@ _MARGIN_CELLS = 4
 _CORNER_TOLERANCE_CELLS = 0.1
 _INK, _FILM = 235, 90
 _PRINT_TOLERANCE_MM = 1e-5
-_printed_alike = partial(alike, tolerance_mm=_PRINT_TOLERANCE_MM)
 _DARK_INK = 20
 _LEAST_APART = 0.05
 """Least distance of two quadrilaterals, as a fraction of their outlines, of which OpenCV leaves out neither. By its own 0.125 a
@@ -104,9 +103,8 @@ def check_label(content: GerberContent, tape: Tape, sizes: LegendRecord | None, 
         problems.append(f"its {len(found)} lines are not the {len(right)} of this tape's label")
     if len(found) and np.abs(content.stroke_width_mm - expected.line_mm).max() > _PRINT_TOLERANCE_MM:
         problems.append(f"a line is not {expected.line_mm:g} mm wide")
-    # a region of a Gerber file ends where it began, a polygon of ours does not say its first point twice
-    areas = [area[:-1] if np.array_equal(area[0], area[-1]) else area for area in content.areas_mm]
-    if len(areas) != len(expected.areas_mm) or not all(map(_printed_alike, areas, expected.areas_mm)):
+    areas = content.areas_mm
+    if not same_contours(areas, expected.areas_mm, _PRINT_TOLERANCE_MM):
         problems.append(f"its {len(areas)} areas are not the {len(expected.areas_mm)} of this tape's tag")
     message = "; ".join(problems) or f"{len(areas)} areas and {len(found)} lines, those of this tape's tag and label"
     return Check(name="label", passed=not problems, message=message)

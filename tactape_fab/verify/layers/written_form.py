@@ -95,3 +95,10 @@ def segments(strokes_mm: Sequence[np.ndarray]) -> np.ndarray:
 def alike(a: np.ndarray, b: np.ndarray, tolerance_mm: float = _SAME_MM) -> bool:
     """Whether two arrays of points have the same shape, and places that agree."""
     return a.shape == b.shape and bool((np.abs(a - b) <= tolerance_mm).all())
+
+
+def same_contours(found: Sequence[np.ndarray], wanted: Sequence[np.ndarray], tolerance_mm: float) -> bool:
+    """Whether closed contours, one by one, go through the same points in the same order."""
+    # a region of a Gerber file ends where it began, other formats do not say the first point twice
+    these, those = ([line[:-1] if np.array_equal(line[0], line[-1]) else line for line in lines] for lines in (found, wanted))
+    return len(these) == len(those) and all(alike(a, b, tolerance_mm) for a, b in zip(these, those, strict=True))

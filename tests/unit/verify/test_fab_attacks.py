@@ -358,6 +358,15 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
         swap("fab-dxf", "  0\nSECTION\n  2\nENT", "  0\nSECTION\n  2\nBLOCKS\n  0\nBLOCK\n  0\nENDSEC\n  0\nSECTION\n  2\nENT"),
         "fab-dxf",
     ),
+    "dxf: tag's corners in another order": (
+        text_of(
+            "fab-dxf",
+            lambda t: re.sub(
+                r"((?:  0\nVERTEX\n  8\nTAG\n(?:.*\n){6}){2})((?:  0\nVERTEX\n  8\nTAG\n(?:.*\n){6}){2})", r"\2\1", t, count=1
+            ),
+        ),
+        "fab-dxf",
+    ),
     "dxf: label": (text_of("fab-dxf", lambda t: re.sub(r"(LABEL\n 10\n)\d+\.", r"\g<1>19.", t, count=1)), "fab-dxf"),
     "drawing: script": (
         object_with(
