@@ -22,6 +22,8 @@ SIZE_MM = (22.0, 22.0)
 VARIANTS: dict[str, dict[str, Any]] = {
     "gang": {"coverlay": "gang"},
     "spur": {"anchor": "spur", "stiffener": "FR4 0.2", "adhesive": "3M468 0.13"},
+    "full radius": {"tag": "none", "size_mm": (30.0, 16.6), "corner_radius_mm": 8.3},
+    "round": {"tag": "none", "corner_radius_mm": 11.0},
     "mesh": {"anchor": "mesh", "pitch_mm": 1.8, "displacement_mm": 0.25, "holes_mm": [(15.0, 11.0, 1.0)]},
 }
 PROFILE_MODES = [(name, mode) for name in profile_names("fabs") for mode in load_fab(name).coverlay_modes]

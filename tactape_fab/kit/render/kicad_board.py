@@ -240,7 +240,8 @@ def _edges(drawing: Drawing) -> Iterable[str]:
     # KiCad 6 gives an arc by start, middle and end; a side and the corner after it, counter-clockwise
     for k in range(4):
         (a, b), (c, d), (e, f), (g, h) = _sheet(drawing, np.array([starts[k], ends[k], middles[k], starts[(k + 1) % 4]])).tolist()
-        yield f"  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) {end}"
+        if abs(c - a) + abs(d - b) > 1e-6:  # a full-radius end has no side
+            yield f"  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) {end}"
         if not isclose(r, 0.0):
             yield f"  (gr_arc (start {c:.6f} {d:.6f}) (mid {e:.6f} {f:.6f}) (end {g:.6f} {h:.6f}) {end}"
     for slot in drawing.slots_mm:

@@ -69,9 +69,9 @@ class _Board:
     pads: dict[str, list[Tree]]
 
 
-def sides_of(corner_radius_mm: float) -> int:
-    """Lines and arcs of an outline."""
-    return 8 if corner_radius_mm > 0 else 4
+def sides_of(size_mm: tuple[float, float], corner_radius_mm: float) -> int:
+    """Lines and arcs of an outline: four corners, and the sides that they leave."""
+    return 4 * (corner_radius_mm > 0) + 2 * sum(side_mm - 2 * corner_radius_mm > 1e-6 for side_mm in size_mm)
 
 
 def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Shown:
@@ -81,7 +81,7 @@ def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Show
         rotation_deg=np.full(tape.part_count, tape.part.rotation_deg),
         size_mm=tape.board.size_mm,
         holes=tape.board.holes,
-        edge_lines=sides_of(tape.board.corner_radius_mm),
+        edge_lines=sides_of(tape.board.size_mm, tape.board.corner_radius_mm),
         tracks_mm=tracks_mm,
         track_width_mm=track_width_mm,
     )
