@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.film.anchors import build_anchors
+from tactape_fab.kit.profiles import GERBER_ROLES, load_fab, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
 from tactape_fab.kit.read.readback import read_drill
 from tactape_fab.texture.cpl import CplContent
@@ -28,7 +29,7 @@ from tactape_fab.verify.layers.film_layers import (
     file_function,
     read_film_record,
 )
-from tactape_fab.verify.layers.job_file import FabOrder, read_fab_order
+from tactape_fab.verify.layers.job_file import FabOrder, known_fab, read_fab_order
 from tactape_fab.verify.layers.kicad_drawn import Made
 from tactape_fab.verify.layers.lands import (
     LandPairs,
@@ -60,7 +61,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmManifest:
-    """Film and assembly as the manifest of a kit or a panel records them."""
+    """Film and assembly as the manifest of a kit or a panel records them.
+
+    ``paths`` are those of fabrication files by role as the fab's profile has them, or, of one of the user's, as most fabs do.
+    """
 
     lands: Recorded
     assembly: RecordedAssembly
@@ -70,19 +74,27 @@ class FilmManifest:
     legend: LegendRecord | None
     order: FabOrder | None
     limits_mm: Mapping[str, object]
+    paths: Mapping[str, str] = field(default_factory=dict)
+    names_known: bool = False
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:
     """Read them from a manifest; problems are collected in `table`."""
+    fab, film = table.table("fab"), read_film_record(table)
+    known = known_fab(fab) if table.table("spec").values.get("fab") == fab.values.get("name") else None
+    profile = known or load_fab("generic-fpc")
+    material = {role: material_words(backing) for role, backing in film.backings.items()}
     return FilmManifest(
         lands=read_recorded(table),
         assembly=read_assembly(table),
-        film=read_film_record(table),
+        film=film,
         x2=table.table("spec").values.get("x2"),
-        legend_is_light=table.table("fab").values.get("legend_colour") != "black",
+        legend_is_light=fab.values.get("legend_colour") != "black",
         legend=read_legend_record(table),
         order=read_fab_order(table),
-        limits_mm=table.table("fab").table("limits_mm").values,
+        limits_mm=fab.table("limits_mm").values,
+        paths={r: profile.file_path(r, str(table.values.get("name")), material.get(r, "")) for r in GERBER_ROLES},
+        names_known=known is not None,
     )
 
 
@@ -214,8 +226,12 @@ def _check_with_cpl(
 def check_attributes(
     gerbers: Mapping[str, GerberContent], files: Mapping[str, WrittenFile], record: FilmManifest, part: str = "Single"
 ) -> Check:
-    """Check the attributes: present as ``spec.x2`` says, file function of the role, `part` and origin of all, correct .MD5."""
-    problems = [problem for role in gerbers if (problem := check_signature(role, files[role].data)) is not None]
+    """Check the attributes: present as ``spec.x2`` says, file function of the role, `part` and origin of all, correct .MD5.
+
+    And the files' names, by which many fabs tell the layers.
+    """
+    problems = list(_name_problems(files, record))
+    problems += [problem for role in gerbers if (problem := check_signature(role, files[role].data)) is not None]
     for role in (*gerbers, *(role for role in ("drill-npth",) if role in files)):
         parts = {found.decode("ascii", "replace") for found in re.findall(rb"TF\.Part,([^*\n]*)", files[role].data)}
         problems += [f"{role} has .Part {shown(other)}, not {part}" for other in parts - {part}]
@@ -241,8 +257,18 @@ def check_attributes(
     # equal values of .SameCoordinates say that layers fit on each other as they are
     if len({match[1] for match in origins if match is not None}) > 1:
         problems.append("the layers have different .SameCoordinates")
-    message = named(problems) if problems else "file functions as the roles, MD5 signatures right"
+    message = named(problems) if problems else "names and file functions as the roles, MD5 signatures right"
     return Check(name="attributes", passed=not problems, message=message)
+
+
+def _name_problems(files: Mapping[str, WrittenFile], record: FilmManifest) -> Iterator[str]:
+    of = {path: role for role, path in record.paths.items()}
+    for role, path in record.paths.items():
+        found = files[role].path if role in files else path
+        if (other := of.get(found, role)) != role:
+            yield f"{role} has the name of {other}, {found}"
+        elif record.names_known and found != path:
+            yield f"{role} is named {found}, not {path}"
 
 
 def _parts_of_pads(content: GerberContent) -> list[str]:

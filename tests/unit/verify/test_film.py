@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tactape_fab import Kit
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError
@@ -41,7 +43,7 @@ def record(**said: Any) -> Any:
     usual = {
         **{"lands": SimpleNamespace(pads=PADS, paste=PASTE), "film": SimpleNamespace(**optional), "x2": "full"},
         **{"assembly": SimpleNamespace(value="0R", footprint="R_0201"), "legend_is_light": True, "legend": "legend"},
-        **{"limits_mm": {"trace": 0.1}, "order": None},
+        **{"limits_mm": {"trace": 0.1}, "order": None, "paths": {}, "names_known": False},
     }
     return SimpleNamespace(**usual | said)
 
@@ -86,7 +88,8 @@ def attributes(gerbers: Any = None, said: Any = None, **files: Any) -> Check:
 
 def test_right_attributes_pass() -> None:
     found = attributes()
-    assert (found.name, found.passed, found.message) == ("attributes", True, "file functions as the roles, MD5 signatures right")
+    assert (found.name, found.passed) == ("attributes", True)
+    assert found.message == "names and file functions as the roles, MD5 signatures right"
 
 
 @pytest.mark.parametrize("name", REQUIRED_ATTRIBUTES)
@@ -125,6 +128,28 @@ def test_every_file_is_of_one_part_without_nets(role: str) -> None:
     net = attributes(**{key: whole + b"%TO.N,GND*%\n"})
     assert not net.passed and f"{role} has a net 'GND'" in net.message
     assert attributes(**{key: whole + b"%TO.N,N/C*%\n"}).passed
+
+
+def test_files_have_the_names_that_their_fab_tells_layers_by() -> None:
+    paths = {role: f"gerber/{role}" for role in ALL}
+    assert attributes(said=record(paths=paths, names_known=True)).passed
+    of_other = {**paths, "copper-top": "gerber/paste-top", "paste-top": "gerber/copper-top"}
+    for known in (False, True):
+        found = attributes(said=record(paths=of_other, names_known=known))
+        assert not found.passed and "copper-top has the name of paste-top, gerber/copper-top" in found.message
+    own = {**paths, "copper-top": "gerber/t.gtl"}
+    assert attributes(said=record(paths=own)).passed
+    assert (
+        "copper-top is named gerber/copper-top, not gerber/t.gtl" in attributes(said=record(paths=own, names_known=True)).message
+    )
+
+
+@pytest.mark.parametrize(("fab", "known"), [("generic-fpc", True), ("my-fab.toml", False)])
+def test_names_are_those_of_the_profile_where_it_is_the_packages(fab: str, known: bool, flat_kit: Kit) -> None:
+    manifest = json.loads((flat_kit.path / "manifest.json").read_bytes())
+    manifest["spec"]["fab"] = fab
+    found = read_film_manifest(Fields(manifest))
+    assert found.names_known is known and flat_kit.files.items() >= {r: found.paths[r] for r in FILE_FUNCTIONS}.items()
 
 
 def test_a_part_of_the_panel_may_be_asked_for() -> None:
@@ -187,13 +212,15 @@ def test_a_file_that_cannot_be_read_is_a_failed_line(monkeypatch: pytest.MonkeyP
 
 
 def test_light_ink_is_any_but_black_and_limits_are_the_manifest_s(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("read_recorded", "read_assembly", "read_film_record", "read_legend_record", "read_fab_order"):
+    for name in ("read_recorded", "read_assembly", "read_legend_record", "read_fab_order"):
         monkeypatch.setattr(film, name, lambda table, name=name: name)
+    optional = SimpleNamespace(backings=BACKINGS)
+    monkeypatch.setattr(film, "read_film_record", lambda table: optional)
     for colour, light in (("white", True), ("black", False)):
         table = Fields({"spec": {"x2": "comments"}, "fab": {"legend_colour": colour, "limits_mm": {"trace": 0.1}}})
         found: Any = read_film_manifest(table)
         assert (found.x2, found.legend_is_light, dict(found.limits_mm)) == ("comments", light, {"trace": 0.1})
-        assert (found.lands, found.assembly, found.film) == ("read_recorded", "read_assembly", "read_film_record")
+        assert (found.lands, found.assembly, found.film) == ("read_recorded", "read_assembly", optional)
         assert (found.legend, found.order) == ("read_legend_record", "read_fab_order")
 
 
