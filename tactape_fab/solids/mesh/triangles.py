@@ -96,6 +96,9 @@ _RELATIONSHIPS = (
     b'<Relationship Target="/3D/3dmodel.model" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>'
     b"</Relationships>\n"
 )
+THREEMF_PARTS = {"[Content_Types].xml": _CONTENT_TYPES, "_rels/.rels": _RELATIONSHIPS}
+"""Members of a 3MF package before its model."""
+THREEMF_MODEL = "3D/3dmodel.model"
 
 
 def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: datetime) -> bytes:
@@ -107,9 +110,8 @@ def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: dat
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:  # a level given here is not for entries of ours
         for path, pieces in (
-            ("[Content_Types].xml", [_CONTENT_TYPES]),
-            ("_rels/.rels", [_RELATIONSHIPS]),
-            ("3D/3dmodel.model", _model_xml(mesh, title, metadata)),
+            *((path, [part]) for path, part in THREEMF_PARTS.items()),
+            (THREEMF_MODEL, _model_xml(mesh, title, metadata)),
         ):
             entry = zip_entry(path, date)
             setattr(entry, _LEVEL_NAME, _DEFLATE_LEVEL)

@@ -21,7 +21,7 @@ from tactape_fab.base.input_file import read_member
 from tactape_fab.solids.elements import closed_element, element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mesh.stl import MeshError, mesh_problems
-from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.mesh.triangles import THREEMF_MODEL, THREEMF_PARTS, Mesh
 from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped
 from tactape_fab.texture.cpl import CplContent
@@ -41,6 +41,13 @@ _DOME_CHORDS = 1.05
 _MOST_MODEL_BYTES = 2 << 30
 _TEXT_PER_TRIANGLE = 300
 _POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
+_MOST_PART_BYTES = 10_000
+_THREEMF_HEAD = re.compile(
+    rb'<\?xml version="1\.0" encoding="UTF-8"\?>\n<model unit="millimeter"[^<>]{0,2000}>\n'
+    rb'(?:<metadata name="[^<>"]{0,2000}">[^<>]{0,100000}</metadata>\n){0,100}'
+    rb'<resources>\n<object id="1" type="model"[^<>]{0,2000}>\n<mesh>\n'
+)
+_THREEMF_TAIL = b'</mesh>\n</object>\n</resources>\n<build>\n<item objectid="1"/>\n</build>\n</model>\n'
 _LONGEST_NAME = 13
 _FURTHEST = 1e9
 _VERTEX = re.compile(rb"=VERTEX_POINT\('',#(\d{1,12})\)")
@@ -134,27 +141,32 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
     """The one mesh of a 3MF file that unpacks to no more than `most_bytes`, in mm. Raises MeshError if it is not such a file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = [entry.filename for entry in archive.infolist()]
-            models = [entry for entry in archive.infolist() if entry.filename.endswith(".model")]
-            if len(models) != 1 or "[Content_Types].xml" not in names or "_rels/.rels" not in names:
+            *parts, model = archive.infolist() or [zipfile.ZipInfo()]
+            if [part.filename for part in (*parts, model)] != [*THREEMF_PARTS, THREEMF_MODEL]:
                 raise MeshError("it is no 3MF package of one model")
-            text = read_member(archive, models[0], most_bytes)
+            # the relationships say which member is the model
+            if any(read_member(archive, part, _MOST_PART_BYTES) != THREEMF_PARTS[part.filename] for part in parts):
+                raise MeshError("its package is not written as usual")
+            text = read_member(archive, model, most_bytes)
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
         raise MeshError(f"it cannot be unpacked: {error}") from error
     if not re.search(rb'<model\b[^<>]{0,2000}\bunit="millimeter"', text):
         raise MeshError("its unit is not the millimetre")
-    # as this tool writes it: one object, placed once, nothing put together or moved, where another reader could see more
-    parts = {b"<?xml ": 1, b"<model ": 1, b"<object ": 1, b"<item ": 1, b"<component": 0, b"transform": 0}
-    if not text.startswith(b"<?xml ") or any(text.count(part) != count for part, count in parts.items()):
+    # as this tool writes it: one object, placed once, nothing put together or moved, without comments or tags
+    # in another form that another reader could take for the model
+    head, _, rest = text.partition(b"<vertices>\n")
+    points, _, rest = rest.partition(b"</vertices>\n<triangles>\n")
+    corners, _, tail = rest.partition(b"</triangles>\n")
+    if _THREEMF_HEAD.fullmatch(head) is None or tail != _THREEMF_TAIL:
         raise MeshError("it does not build one object where it stands")
     try:
-        vertices = _numbers(re.findall(rb'<vertex x="([^"]{1,40})" y="([^"]{1,40})" z="([^"]{1,40})"', text), np.float64)
-        faces = _numbers(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"', text), np.int64)
+        vertices = _numbers(re.findall(rb'<vertex x="([^"]{1,40})" y="([^"]{1,40})" z="([^"]{1,40})"/>\n', points), np.float64)
+        faces = _numbers(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"/>\n', corners), np.int64)
     except (ValueError, OverflowError) as error:
         raise MeshError(f"it holds an invalid number: {error}") from error
     if len(vertices) == 0 or len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
         raise MeshError("its triangles name vertices that it does not have")
-    if len(vertices) != text.count(b"<vertex ") or len(faces) != text.count(b"<triangle "):
+    if (len(vertices), len(faces)) != (points.count(b"<"), corners.count(b"<")):
         raise MeshError("a vertex or triangle of it is not written as usual")
     return Mesh(vertices_mm=vertices, faces=faces)
 

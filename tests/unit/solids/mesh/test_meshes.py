@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import struct
 import zipfile
 import zlib
@@ -19,7 +20,7 @@ from tactape_fab.solids.elements import CHORD_ERROR_MM, block_corners_mm, closed
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh.sheet import texture_mesh
 from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl
-from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
+from tactape_fab.solids.mesh.triangles import THREEMF_PARTS, Mesh, stl_bytes, threemf_bytes
 from tactape_fab.solids.rise import foot_loop_mm, foot_radius_mm, wrapped_volume_mm3
 from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped, world, wrap_of
@@ -305,18 +306,19 @@ def test_bodies_are_counted_through_long_chains() -> None:
 # 3MF
 
 
-def package(text: bytes, name: str = "3D/3dmodel.model") -> bytes:
+def package(text: bytes, name: str = "3D/3dmodel.model", parts: dict[str, bytes] = THREEMF_PARTS) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("[Content_Types].xml", "<Types/>")
-        archive.writestr("_rels/.rels", "<Relationships/>")
-        archive.writestr(name, text)
+        for part, content in {**parts, name: text}.items():
+            archive.writestr(part, content)
     return stream.getvalue()
 
 
-def model(mesh: bytes) -> bytes:
-    """The model of a package with this in its one mesh."""
-    return b'<?xml version="1.0"?><model unit="millimeter"><object id="1">' + mesh + b'</object><item objectid="1"/></model>'
+def model(vertices: bytes = b"", triangles: bytes = b"") -> bytes:
+    """The model of a package with these in its one mesh."""
+    text = model_text(threemf_bytes(cube(), "t", {}, DATE))
+    rows = rb"(?s)(<vertices>\n).*(</vertices>\n<triangles>\n).*(</triangles>)"
+    return re.sub(rows, lambda m: m[1] + vertices + m[2] + triangles + m[3], text)
 
 
 def model_text(data: bytes) -> bytes:
@@ -367,6 +369,9 @@ def test_only_the_date_differs_between_days() -> None:
     assert model_text(one) == model_text(other)
 
 
+POINT, FACE = b'<vertex x="1" y="%b" z="%b"/>\n', b'<triangle v1="0" v2="%b" v3="%b"/>\n'
+
+
 @pytest.mark.parametrize(
     ("data", "says"),
     [
@@ -376,11 +381,19 @@ def test_only_the_date_differs_between_days() -> None:
         (package(b"", "3D/3dmodel.txt"), "no 3MF package"),
         (package(b""), "not the millimetre"),
         (package(b'<model unit="inch">'), "not the millimetre"),
-        (package(model(b"")), "does not have"),
-        (package(model(b'<vertex x="1" y="2" z="q"/><triangle v1="0" v2="0" v3="0"/>')), "an invalid number"),
-        (package(model(b'<vertex x="1" y="2" z="nan"/><triangle v1="0" v2="0" v3="0"/>')), "an invalid number"),
-        (package(model(b'<vertex x="1" y="2" z="3"/><triangle v1="0" v2="1" v3="0"/>')), "does not have"),
-        (package(model(b'<vertex x="1" y="2" z="3"/><triangle v1="0" v2="9' + b"9" * 30 + b'" v3="0"/>')), "it"),
+        (package(model()), "does not have"),
+        (package(model(POINT % (b"2", b"q"), FACE % (b"0", b"0"))), "an invalid number"),
+        (package(model(POINT % (b"2", b"nan"), FACE % (b"0", b"0"))), "an invalid number"),
+        (package(model(POINT % (b"2", b"3"), FACE % (b"0", b"1"))), "does not have"),
+        (package(model(POINT % (b"2", b"3"), FACE % (b"0", b"9" * 31))), "it"),
+        (package(model(POINT % (b"2", b"3") + b"<vertex\tx='1'/>\n", FACE % (b"0", b"0"))), "is not written as usual"),
+        (package(model(), parts=dict(reversed(THREEMF_PARTS.items()))), "no 3MF package"),
+        (
+            package(model(), parts={**THREEMF_PARTS, "_rels/.rels": THREEMF_PARTS["_rels/.rels"].replace(b"3d", b"4d")}),
+            "as usual",
+        ),
+        (package(b"<?xml version='1.0'?><!--" + model()[38:] + b"--><model\tunit='inch'/>"), "does not build one object"),
+        (package(model().replace(b'type="model"', b'type="support"')), "does not build one object"),
         (package(b'<model unit="millimeter"><vertex x="1" y="2" z="3"/>'), "does not build one object"),
     ],
 )
