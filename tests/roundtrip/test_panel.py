@@ -233,6 +233,7 @@ MUTATIONS: dict[str, tuple[Edit, str]] = {
     "tapes swapped in the component layer": (swap_drawn("components-top"), "tape tactape-s007: components-top"),
     "the folder of a kit holds another": (kit_of_another, "kits"),
     "a fiducial moved": (fiducial(0.1), "copper-top of the rails"),
+    "square fiducials": (replaced("copper-top", "C,1.000000*%", "P,1.000000X4X0.000000*%"), "copper-top of the rails"),
     "a fiducial on a tape": (
         lambda k: flashes("coverlay-top", lambda _: (20.0, 20.0), k.data["coverlay-top"].count(b"D03*") - 1)(k),
         "coverlay-top of the rails",

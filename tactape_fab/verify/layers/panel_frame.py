@@ -113,6 +113,10 @@ def _mark_problems(xy_mm: FloatArray, outlines: Sequence[FloatArray], wanted_mm:
         )
     # all vertices of a disc are a radius from its middle; 5 um for how fine readers make its chords
     radii = [np.hypot(*outline.T) for outline in outlines]
-    if any(np.abs(2 * r - diameter_mm).max() > _DIAMETER_TOLERANCE_MM for r in radii):
+    disc = shapely.Point(0.0, 0.0).buffer(diameter_mm / 2, quad_segs=32)
+    # a square has its vertices on the circle, too
+    if any(np.abs(2 * r - diameter_mm).max() > _DIAMETER_TOLERANCE_MM for r in radii) or any(
+        outlines_apart_mm(shapely.Polygon(outline), disc) > _DIAMETER_TOLERANCE_MM for outline in outlines
+    ):
         problems.append(f"a fiducial is no disc of {diameter_mm:g} mm")
     return problems
