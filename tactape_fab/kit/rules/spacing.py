@@ -311,11 +311,12 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
     if len(holes) > 1:
         tree = shapely.STRtree(shapely.points(centres))
         # pairs with more than 10 mm beyond the limit between them are not looked at: such holes are no finding
-        widest = 2 * radii.max() + profile.limits["hole-hole"].value_mm + 10.0
-        a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=widest)
-        a, b = a[a < b], b[a < b]
+        furthest = profile.limits["hole-hole"].value_mm + 10.0
+        a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=2 * radii.max() + furthest)
+        gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
+        # beyond that a pair of small holes may be found where a nearer one of larger holes is not
+        a, b, gaps = (of[(a < b) & (gaps <= furthest)] for of in (a, b, gaps))
         if len(a):
-            gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
             what = f"{between} between two holes"
 
             def fewer(limit_mm: float) -> str:

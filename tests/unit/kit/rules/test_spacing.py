@@ -187,6 +187,13 @@ def test_worst_film_between_two_holes_is_that_of_brute_force(seed: int) -> None:
         assert finding.value == pytest.approx(min(gaps), abs=1e-9)
 
 
+def test_holes_far_apart_are_no_finding_rather_than_another_pair() -> None:
+    """Between the large hole and its neighbour there are 15.35 mm of film, between the small ones 19.9 mm."""
+    holes = [(20.0, 25.0, 10.0), (40.6, 25.0, 0.5), (61.0, 25.0, 0.5)]
+    spec = TapeSpec(sector=3, size_mm=(100.0, 50.0), holes_mm=holes, tag="none", models=False)
+    assert "hole-hole" not in findings_of(examine(spec))
+
+
 def ink_of(layout: Layout) -> shapely.Geometry:
     legend = layout.legend
     strokes = [shapely.LineString(s).buffer(legend.line_mm / 2, quad_segs=32) for s in legend.strokes_mm]
