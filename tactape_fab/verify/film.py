@@ -248,8 +248,8 @@ def check_attributes(
             missing = [n for n in REQUIRED_ATTRIBUTES if start + n.encode() not in files[role].data]
             problems += [f"{role} has no .{name}" for name in missing]
             origins.add(re.search(rb"TF\.SameCoordinates,([^*]*)\*", files[role].data))
-        if mode == "full" and role == "copper-top" and not all(_parts_of_pads(content)):
-            problems.append("copper-top has pads without .P")
+        if mode == "full" and role == "copper-top":
+            problems += _pad_problems(content, part)
         for attribute, expected in zip(("FileFunction", "FilePolarity"), functions[role], strict=True):
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
@@ -271,7 +271,11 @@ def _name_problems(files: Mapping[str, WrittenFile], record: FilmManifest) -> It
             yield f"{role} is named {found}, not {path}"
 
 
-def _parts_of_pads(content: GerberContent) -> list[str]:
-    """Designator in each flash's attributes; fiducials have none."""
-    mark = [function.startswith("FiducialPad") for function in content.aperture_functions]
-    return [part for part, i in zip(content.flash_component, content.flash_aperture, strict=True) if not mark[i]]
+def _pad_problems(content: GerberContent, part: str) -> Iterator[str]:
+    """Pads that do not say which part's they are, or call themselves something else; only a panel has fiducials."""
+    functions = [content.aperture_functions[i] for i in content.flash_aperture]
+    said = {(function, name != "") for function, name in zip(functions, content.flash_component, strict=True)}
+    said -= {("SMDPad,CuDef", True)} | ({("FiducialPad,Global", False)} if part == "Array" else set())
+    if ("SMDPad,CuDef", False) in said:
+        yield "copper-top has pads without .P"
+    yield from (f"copper-top has pads of function {shown(name)}" for name, _ in sorted(said) if name != "SMDPad,CuDef")

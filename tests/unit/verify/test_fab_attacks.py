@@ -161,6 +161,7 @@ ATTACKS: dict[str, tuple[Edit, str]] = {
     "zip: 20,000 names": (many_names, "fab-zip"),
     "copper: incremental notation": (incremental, "written form"),
     "copper: aperture defined again": (redefined, "written form"),
+    "copper: pads called fiducials": (swap("copper-top", "SMDPad,CuDef", "FiducialPad,Global"), "attributes"),
     "copper: stray %%": (swap("copper-top", "G75*\n", "%%\nG75*\n"), "written form"),
     "copper: inches after the first flash": (swap("copper-top", "D03*\n", "D03*\n%MOIN*%\n"), "copper-top"),
     "copper: clear after the first flash": (swap("copper-top", "D03*\n", "D03*\n%LPC*%\n"), "written form"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -53,7 +54,7 @@ def content(role: str, **said: Any) -> GerberContent:
     usual: dict[str, Any] = {
         **{"flash_xy_mm": np.array([(1.0, 2.0), (3.0, 4.0), (5.0, 6.0)]), "flash_aperture": np.array([0, 1, 1])},
         **{"aperture_outlines_mm": (), "areas_mm": (), "strokes_mm": (), "stroke_width_mm": np.empty(0), "clear": False},
-        **{"aperture_functions": ("FiducialPad,Local", "SMDPad,CuDef"), "flash_component": ("", "R1", "R2")},
+        **{"aperture_functions": ("SMDPad,CuDef", "SMDPad,CuDef"), "flash_component": ("R3", "R1", "R2")},
         **{"flash_pin": ("", "1", "1")},
         "file_attributes": {"FileFunction": tuple(function.split(",")), "FilePolarity": (polarity,)},
     }
@@ -176,13 +177,18 @@ def test_all_layers_have_one_origin() -> None:
     assert not found.passed and found.message == "the layers have different .SameCoordinates"
 
 
-def test_each_pad_of_a_part_says_which_and_fiducials_need_not() -> None:
-    nameless = content("copper-top", flash_component=("", "R1", ""))
+def test_each_pad_of_a_part_says_which_and_a_panels_fiducials_need_not() -> None:
+    nameless = content("copper-top", flash_component=("R3", "R1", ""))
     found = attributes(layers_of(copper_top=nameless))
     assert not found.passed and found.message == "copper-top has pads without .P"
     assert attributes(layers_of(paste_top=content("paste-top", flash_component=("", "R1", "")))).passed
     comments = {role.replace("-", "_"): text_of(role, start="G04 #@! TF.", end="*\n") for role in ALL if role != "components-top"}
     assert attributes(layers_of(copper_top=nameless), record(x2="comments"), **comments).passed
+    mark = content("copper-top", aperture_functions=("FiducialPad,Global", "SMDPad,CuDef"), flash_component=("", "R1", "R2"))
+    said = "copper-top has pads of function 'FiducialPad,Global'"
+    for gerbers in ({"copper-top": mark}, {"copper-top": replace(mark, flash_component=("R3", "R1", "R2"))}):
+        assert said in check_attributes(gerbers, files_of(), record()).message
+    assert said not in check_attributes({"copper-top": mark}, files_of(), record(), "Array").message
 
 
 # Reading
