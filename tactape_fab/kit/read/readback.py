@@ -19,6 +19,10 @@ from tactape_fab.texture.cpl import SEPARATORS, CplContent, plain_columns, writt
 from tactape_fab.texture.frames import FloatArray
 
 _DIGITS = "0123456789.-"
+_KICAD_FORM = re.compile(
+    r"(?:### [ -~]{1,200}\n){2}## Unit = mm, Angle = deg\.\n## Side : top\n# [ -~]{1,200}\n(?:[!\"$-~][ -~]*\n)*## End\n"
+)
+"""Programs differ in which one of two comments, on unit or columns, they believe."""
 _KEPT_BYTES = 8 << 20
 """Size up to which what a list holds is kept: that of 200,000 parts, which takes 30 MB."""
 
@@ -73,7 +77,10 @@ def _read_cpl(data: bytes) -> CplContent:
         raise ReadbackError("; ".join(problem.message for problem in problems))
     _refuse_header(content.headers, content.table.headers)
     if content.table.style == "kicad":
-        rows = [line.split() for line in data.decode("ascii").splitlines() if not line.startswith("#")]
+        text = _decoded(data)
+        if _KICAD_FORM.fullmatch(text) is None:
+            raise ReadbackError("its comments are not KiCad's of a top side in mm, each once, or its lines end otherwise")
+        rows = [line.split() for line in text.split("\n") if line and not line.startswith("#")]
         columns = [[row[i] for row in rows] for i in range(len(content.headers))]
     else:
         columns = _columns(_decoded(data).removeprefix("#"), SEPARATORS[content.table.style])
