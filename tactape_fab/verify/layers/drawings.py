@@ -80,10 +80,8 @@ def _dxf_problems(
         found = drawn.pop(layer, [])
         flat = [line[:, :2] for line in found]
         if layer == "HOLES":
-            same = (
-                len(found) == len(wanted)
-                and apart_mm(np.concatenate([*found, none]), np.concatenate([*wanted, none])) <= PLACE_TOLERANCE_MM
-            )
+            these, those = (np.concatenate([*circles, none]) for circles in (found, wanted))
+            same = len(found) == len(wanted) and apart_mm(these, those) <= PLACE_TOLERANCE_MM
         elif layer == "LABEL":  # a Gerber file may break a line where the DXF does not
             these, those = (segments(lines).reshape(-1, 2, 2) for lines in (flat, wanted))
             same = not len(without_counterpart(these, those)) + len(without_counterpart(those, these))
@@ -96,9 +94,13 @@ def _dxf_problems(
     outside = [not any(inside) for inside in zip(*(_inside(parts, *box) for box in fields), strict=True)] or [True]
     if any(outside):
         problems.append(f"{sum(outside)} parts lie in no FIELD of it")
+    # nothing is printed on fields, ink and holes, a hole as the square round it
+    squares = [(hole[0, :2] - hole[0, 2] / 2, hole[0, :2] + hole[0, 2] / 2) for hole in holes]
+    taken = [*fields, *map(_box, (*areas, *strokes)), *squares]
     for low, high in map(_box, drawn.pop("NUMBER", [])):
-        if _inside(parts, low, high).any() or (low < 0.0).any() or (high > expected.size_mm).any():
-            problems.append("it lets the fab print on parts, or off the board")
+        over = any((low < top).all() and (high > bottom).all() for bottom, top in taken)
+        if over or (low < 0.0).any() or (high > expected.size_mm).any():
+            problems.append("it lets the fab print on parts, ink or holes, or off the board")
     return problems + [f"it has a layer {quoted(layer)}" for layer in drawn]
 
 

@@ -310,6 +310,13 @@ def dxf_cut(text: str) -> str:
     return text.replace(first, "".join(vertex % point for point in cut) + first)
 
 
+def dxf_number(text: str) -> str:
+    """A place for the fab's number where the tag is: the field's box, moved there."""
+    start, end = text.index("  0\nPOLYLINE\n  8\nFIELD"), text.index("SEQEND\n  8\nFIELD\n") + len("SEQEND\n  8\nFIELD\n")
+    box = text[start:end].replace("FIELD", "NUMBER").replace("6.000000", "1.000000").replace("18.300000", "5.000000")
+    return text[:end] + box.replace("19.200000", "5.000000") + text[end:]
+
+
 FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "notes: 1.6 mm": (notes("0.11 mm", "1.6 mm"), "order-notes"),
     "notes: a second thickness": (
@@ -359,6 +366,7 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
         swap("fab-dxf", "  0\nSECTION\n  2\nENT", "  0\nSECTION\n  2\nBLOCKS\n  0\nBLOCK\n  0\nENDSEC\n  0\nSECTION\n  2\nENT"),
         "fab-dxf",
     ),
+    "dxf: a number on the tag": (text_of("fab-dxf", dxf_number), "fab-dxf"),
     "dxf: tag's corners in another order": (
         text_of(
             "fab-dxf",
