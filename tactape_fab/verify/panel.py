@@ -294,6 +294,7 @@ def _shown(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Shown:
         holes=[*holes, *panel.tooling_holes_mm],
         edge_lines=sides_of(panel.size_mm, CORNER_RADIUS_MM) + sum(len(slot) for slot in slots_mm(panel)),
         fiducials_mm=panel.fiducials_mm,
+        fiducial_mm=(panel.fiducial_mm, panel.fiducial_opening_mm),
         tracks_mm=np.concatenate([on.on_panel(lines_mm) for on, (lines_mm, _) in zip(tapes, anchors, strict=True)]),
         track_width_mm=max(width_mm for _, width_mm in anchors),
     )

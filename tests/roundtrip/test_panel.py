@@ -263,6 +263,14 @@ MUTATIONS: dict[str, tuple[Edit, str]] = {
         text_of("kicad-pcb", lambda t: re.sub(r"(?m)^  \(gr_line .*Edge.Cuts.*\n", "", t, count=1)),
         "kicad board",
     ),
+    "a smaller fiducial in KiCad's board": (
+        text_of("kicad-pcb", lambda t: t.replace("smd circle (at 0 0) (size 1 1)", "smd circle (at 0 0) (size 0.5 0.5)", 1)),
+        "kicad board",
+    ),
+    "a fiducial covered in KiCad's board": (
+        text_of("kicad-pcb", lambda t: t.replace("(solder_mask_margin 0.5)", "(solder_mask_margin 0)", 1)),
+        "kicad board",
+    ),
     "a fiducial less in KiCad's board": (
         text_of("kicad-pcb", lambda t: t.replace('reference "FID4"', 'reference "FIX4"')),
         "kicad board",

@@ -82,6 +82,7 @@ CHANGES = {
         "areas of ink",
     ),
     "hole larger": (replaced("(drill 1)", "(drill 1.1)"), "holes are not the manifest's 1"),
+    "hole beside its place": (replaced("np_thru_hole circle (at 0 0)", "np_thru_hole circle (at 0 1)"), "holes are not the"),
     "origin moved": (replaced("(aux_axis_origin 20 40)", "(aux_axis_origin 21 40)"), "off the grid: R1 by 1000.0 um"),
     "body begins elsewhere": (replaced("(fp_rect (start -0.3 -0.15)", "(fp_rect (start -0.2 -0.15)", 1), "another body"),
     "pad of another part": (pad_moved_to_another_part, "pad 1 is there 0 times (R10)"),

@@ -42,7 +42,7 @@ class Shown:
     parts_xy_mm (n, 2): Parts R1 ... Rn.
     rotation_deg (n,); holes (x, y, diameter)
     edge_lines: Lines and arcs of the outline and of what is cut out of it.
-    fiducials_mm (x, y)
+    fiducials_mm (x, y); fiducial_mm: Diameters of their copper and of its opening.
     tracks_mm (k, 2, 2): Ends of the anchors' lines, all as wide as ``track_width_mm``.
     """
 
@@ -54,6 +54,7 @@ class Shown:
     tracks_mm: FloatArray
     track_width_mm: float
     fiducials_mm: Sequence[tuple[float, float]] = ()
+    fiducial_mm: tuple[float, float] = (0.0, 0.0)
 
     def designators(self) -> list[str]:
         return [f"R{n}" for n in range(1, len(self.parts_xy_mm) + 1)]
@@ -229,10 +230,13 @@ def _outline(found: _Board, shown: Shown) -> list[str]:
 def _holes(found: _Board, shown: Shown) -> list[str]:
     holes = {name: xy[:2] for name, xy in found.at.items() if name.startswith("H")}
     drills = [(*holes[name], *values(pad, "drill")) for name in holes for pad in found.pads[name] if pad[2] == "np_thru_hole"]
-    pads = sum(len(found.pads[name]) for name in holes)
+    pads = [pad for name in holes for pad in found.pads[name]]
+    centred = all(pad[3] == "circle" and values(pad, "at") == [0.0, 0.0] for pad in pads)
     wanted = np.array(shown.holes).reshape(-1, 3)
-    if len(holes) == pads == len(drills) == len(wanted) and np.allclose(
-        np.array(drills).reshape(-1, 3), wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM
+    if (
+        centred
+        and len(holes) == len(pads) == len(drills) == len(wanted)
+        and np.allclose(np.array(drills).reshape(-1, 3), wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM)
     ):
         return []
     return [f"its {len(drills)} holes are not the manifest's {len(wanted)}"]
@@ -242,10 +246,17 @@ def _fiducials(found: _Board, shown: Shown) -> list[str]:
     marks = [name for name in found.at if name.startswith("FID")]
     at_mm = np.array([found.at[name][:2] for name in marks]).reshape(-1, 2)
     wanted = np.array(shown.fiducials_mm).reshape(-1, 2)
-    single = all(len(found.pads[name]) == 1 for name in marks)
+    single = all(len(found.pads[name]) == 1 and _is_mark(found.pads[name][0], *shown.fiducial_mm) for name in marks)
     if single and len(marks) == len(wanted) and np.allclose(at_mm, wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM):
         return []
     return [f"its {len(marks)} fiducials are not the manifest's {len(wanted)}"]
+
+
+def _is_mark(pad: Tree, copper_mm: float, opening_mm: float) -> bool:
+    sizes = (*values(pad, "at"), *values(pad, "size"), *values(pad, "solder_mask_margin"))
+    wanted = (0.0, 0.0, copper_mm, copper_mm, (opening_mm - copper_mm) / 2)
+    disc = pad[2:4] == ("smd", "circle") and child(pad, "layers")[1:] == ("F.Cu", "F.Mask")
+    return disc and len(sizes) == len(wanted) and np.allclose(sizes, wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM)
 
 
 def _tracks(found: _Board, shown: Shown) -> list[str]:
