@@ -365,8 +365,9 @@ def test_notes_stand_in_the_kit_and_never_in_the_zip(small_kit: Kit) -> None:
         (r"\S+-fab\.zip", "other-fab.zip", "they name other-fab.zip, which is not in the kit"),
         (r"assembly/\S+-cpl\.csv", "the list", "they lack 'assembly/tactape-s007-cpl.csv'"),
         (r"only in the strip at the left end", "anywhere", "do not say where the fab may print"),
-        (r"(left end, x \d+\.\d) to \d+\.\d", r"\1 to 9.0", "on parts or off the board"),
-        (r"(left end, .*?to) \d+\.\d mm;", r"\1 99.0 mm;", "on parts or off the board"),
+        (r"(left end, x \d+\.\d) to \d+\.\d", r"\1 to 9.0", "on parts, ink or holes, or off the board"),
+        (r"(left end, .*?to) \d+\.\d mm;", r"\1 99.0 mm;", "on parts, ink or holes, or off the board"),
+        (r"(left end, .*? y )\d+\.\d", r"\g<1>2.0", "on parts, ink or holes, or off the board"),
         (r"ORDER", "\u00d6RDER", "not UTF-8"),
     ],
 )
