@@ -228,6 +228,7 @@ QUICK: list[Any] = [
     case("STEP: empty", bytes_of("step-solid", lambda b: b""), "step-solid", says="no whole"),
     case("STEP: garbage", bytes_of("step-solid", lambda b: bytes(range(256)) * 100), "step-solid", says="no whole"),
     case("STEP: two solids", text_of("step-solid", lambda t: t.replace("=PRODUCT(", "=MANIFOLD_SOLID_BREP(")), "step-solid"),
+    case("STEP: a comment", replaced("step-solid", "\nDATA;\n", "\nDATA;\n/* = */\n"), "step-solid", says="it has a comment"),
     case("STEP: in inches", replaced("step-solid", ".MILLI.,.METRE.", "$,.METRE."), "step-solid", says="millimetre"),
 ]
 

@@ -194,6 +194,8 @@ def _step_problems(data: bytes) -> list[str]:
     problems = [] if whole else ["it is no whole ISO 10303-21 file"]
     if b".MILLI.,.METRE." not in data:
         problems.append("its unit is not the millimetre")
+    if b"/*" in data:  # what is found below by patterns may stand in it
+        problems.append("it has a comment")
     return problems
 
 
