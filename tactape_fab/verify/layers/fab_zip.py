@@ -28,6 +28,8 @@ def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Che
     ordered = sorted((files[role] for role in roles), key=lambda file: file.path)
     expected = {file.path.rsplit("/", 1)[-1]: file.data for file in ordered}
     problems = list(zip_problems(files["fab-zip"].data, expected))
+    if len(expected) < len(ordered):  # of one name in two folders
+        problems.append(f"{len(ordered)} files of the kit have {len(expected)} names in it")
     message = named(problems) if problems else f"{len(expected)} files, each as in the kit, nothing else"
     return Check(name="fab-zip", passed=not problems, message=message)
 

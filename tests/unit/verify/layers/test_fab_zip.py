@@ -198,3 +198,10 @@ def test_the_job_file_is_in_it_where_the_fab_asks_for_it(job_in_zip: bool) -> No
     wrong = check_zip(files, with_job=not job_in_zip)
     assert not wrong.passed and wrong.message.startswith("x.gbrjob ")
     assert check_zip(files).passed == job_in_zip
+
+
+def test_two_files_of_one_name_are_not_one() -> None:
+    one, other = b"%MOMM*%\n", b"G04*\n"
+    files = {"copper-top": WrittenFile(path="gerber/a.gbr", data=one), "paste-top": WrittenFile(path="other/a.gbr", data=other)}
+    found = check_zip({**files, "fab-zip": WrittenFile(path="fab.zip", data=zip_of([("a.gbr", other)]))})
+    assert not found.passed and found.message == "2 files of the kit have 1 names in it"
