@@ -46,7 +46,7 @@ def render_fab_drawing(facts: OrderFacts, drawing: Drawing) -> tuple[Artifact]:
     sheet.line((_FRAME_MM, 93.0), (192.0, 93.0), 0.25)
     scale = _outline(sheet, facts, drawing)
     corner_scale = _corner(sheet, facts, drawing)
-    _one_part(sheet, drawing)
+    _one_part(sheet, facts.fab.mask_name, drawing)
     _texts(sheet, facts, drawing, scale, corner_scale)
     return (Artifact(role="fab-drawing", path=f"{drawing.name}-drawing.pdf", data=sheet.pdf()),)
 
@@ -170,7 +170,7 @@ def _grid_point(facts: OrderFacts, column: float, row: float) -> FloatArray:
     return np.asarray(np.array([-y, x] if first.turned else [x, y]) + np.array(first.offset_mm))
 
 
-def _one_part(sheet: Sheet, drawing: Drawing) -> None:
+def _one_part(sheet: Sheet, mask: str, drawing: Drawing) -> None:
     """One part with its pads, opening and angle."""
     sheet.text((104.0, 88.0), "B: one part", size_mm=3.0, bold=True)
     lines, rotation_deg = drawing.outlines, drawing.parts[0].rotation_deg
@@ -206,9 +206,9 @@ def _one_part(sheet: Sheet, drawing: Drawing) -> None:
     )
     pads, (long_mm, wide_mm) = drawing.part.pads, lines.opening_size_mm
     openings = (
-        "one window in the coverlay for all parts"
+        f"one window in the {mask} for all parts"
         if drawing.parts[0].openings is None
-        else f"coverlay opening {long_mm:g} x {wide_mm:g}"
+        else f"{mask} opening {long_mm:g} x {wide_mm:g}"
     )
     words = [
         f"Body {' x '.join(f'{side:g}' for side in drawing.part.body_mm)}; {openings};",
@@ -242,7 +242,7 @@ def _texts(sheet: Sheet, facts: OrderFacts, drawing: Drawing, scale: float, corn
     x, y = _TEXT_LEFT_MM, 197.0
     sheet.text((x, y), "LAYERS, from the top", size_mm=3.0, bold=True)
     y = sheet.table((x, y - 3.0), _layers(facts, drawing), (27.0, _TEXT_WIDTH_MM - 27.0), size_mm=_SMALL_MM) - 5.0
-    y = _section(sheet, drawing, (x + 6.0, y)) - 6.0
+    y = _section(sheet, facts.fab.mask_name, drawing, (x + 6.0, y)) - 6.0
     if drawing.holes:
         sheet.text((x, y), "HOLES, not plated (mm from the lower left corner)", size_mm=3.0, bold=True)
         y = sheet.table((x, y - 3.0), _holes(drawing), (_TEXT_WIDTH_MM / 3,) * 3, size_mm=_SMALL_MM) - 5.0
@@ -258,7 +258,7 @@ def _texts(sheet: Sheet, facts: OrderFacts, drawing: Drawing, scale: float, corn
     sheet.table((x, 11.0 + 5.0 * len(rows)), rows, (20.0, _TEXT_WIDTH_MM - 20.0), size_mm=_SMALL_MM)
 
 
-def _section(sheet: Sheet, drawing: Drawing, top_left: tuple[float, float]) -> float:
+def _section(sheet: Sheet, mask: str, drawing: Drawing, top_left: tuple[float, float]) -> float:
     """The layers cut through a part, not to scale; its lower edge on the sheet, mm."""
     width, left = 60.0, top_left[0]
     middle, y = left + width / 2, top_left[1] - 9.0
@@ -280,7 +280,7 @@ def _section(sheet: Sheet, drawing: Drawing, top_left: tuple[float, float]) -> f
             sheet.box((left, y - 2.2), (left + width, y), fill=fill, width_mm=0.1)
             sheet.text((left + width + 1.5, y - 1.1), "adhesive" if fill > 0.8 else "stiffener", size_mm=1.8)
             y -= 2.2
-    for words, height in (("part", 5.2), ("coverlay", 1.2), ("base", -1.3)):
+    for words, height in (("part", 5.2), (mask, 1.2), ("base", -1.3)):
         at = (left + width + 1.5, film_top + height)
         sheet.text(at, words, size_mm=1.8)
     sheet.line((middle + 7.5, film_top + 5.2), (left + width + 1.0, film_top + 5.2), 0.08)
@@ -305,7 +305,7 @@ def _layers(facts: OrderFacts, drawing: Drawing) -> list[tuple[str, str]]:
             if drawing.legend.areas_mm or drawing.legend.strokes_mm
             else "none",
         ),
-        ("coverlay", f"{fab.coverlay_colour}; {openings}"),
+        (fab.mask_name, f"{fab.coverlay_colour}; {openings}"),
         ("copper", f"{material.copper_um:g} µm, one layer, {material.finish}; least spacing {facts.least_gap_mm:.3g}"),
         ("base", f"{material.base}; film {drawing.thickness_mm:g} thick in all"),
     ]
@@ -326,15 +326,15 @@ def _notes(facts: OrderFacts) -> list[str]:
     leans += f" or, on turned tapes, {facts.turned_slash}" if facts.turned else ""
     if facts.part.body_mm[0] == facts.part.body_mm[1]:
         leans = ""
-    merged = "Openings of the coverlay are not merged. Ask before a bridge between two of them is changed."
-    # a photo-imageable mask is opened for each part, too
-    coverlay = "The coverlay has one opening for all parts, on purpose." if facts.coverlays == ["gang"] else merged
+    mask = facts.fab.mask_name
+    merged = f"Openings of the {mask} are not merged. Ask before a bridge between two of them is changed."
+    opened = f"The {mask} has one opening for all parts, on purpose." if facts.coverlays == ["gang"] else merged
     if len(facts.coverlays) > 1:
-        coverlay = f"The coverlay differs from tape to tape, on purpose. {merged}"
+        opened = f"The {mask} differs from tape to tape, on purpose. {merged}"
     alone = "Pads stand alone on purpose."
     if facts.anchors != "none":
         some = "some" if facts.panel is not None and facts.panel.mixed else "the"
-        alone = f"Copper runs on from {some} pads under the coverlay to hold them: it is no track."
+        alone = f"Copper runs on from {some} pads under the {mask} to hold them: it is no track."
     number = "only within the short dashes, better none" if facts.number_mm else "none on the tape"
     if facts.panel is not None:
         number = "only in the rails, better none"
@@ -343,7 +343,7 @@ def _notes(facts: OrderFacts) -> list[str]:
         f"2. Rotations in the placement file are {clockwise}, 0 is along x.{leans}",
         f"3. The parts carry no signal: no nets, no electrical test. {alone} Either land may be land 1.",
         f"4. Order numbers and date codes: {number}. In the field no logo, fiducial, hole, coupon or copper.",
-        f"5. {coverlay}",
+        f"5. {opened}",
         "6. Outline and holes: the fab's own tolerances. Parts: as near to their place as the line can. "
         "A missing, standing or turned part is a fault.",
     ]

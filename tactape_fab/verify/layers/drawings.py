@@ -206,9 +206,11 @@ def _pdf_problems(data: bytes, name: str, expected: Shown, order: FabOrder | Non
     if adhesive is not None:
         facts.append(f" adhesive {adhesive} mm{' under the stiffener' if stiffener else ', whole underside'} ")
     if order is not None:
+        # version 0.1.0 called a solder mask coverlay, too
+        words = words.replace(f" coverlay {order.coverlay_colour}; ", f" {order.mask} {order.coverlay_colour}; ")
         facts += [
             f" copper {order.copper_um:g} ?m, one layer, {_in_ascii(order.finish)};",
-            f" coverlay {order.coverlay_colour}; ",
+            f" {order.mask} {order.coverlay_colour}; ",
         ]
         facts += [f" base {_in_ascii(order.base)}; film {order.thickness_mm:g} thick in all "]
     return [f"it lacks {fact.strip()!r}" for fact in facts if fact not in words]

@@ -135,6 +135,7 @@ def test_one_part_is_drawn_as_it_lies_where_all_tapes_are_turned() -> None:
 def test_notes_of_mask_and_copper_are_the_tape_s() -> None:
     mask = words(drawn(fab="generic-lpi", pitch_mm=2.0))
     assert "one opening for all parts" not in mask and "not merged" in mask
+    assert "Openings of the solder mask" in mask and "coverlay" not in mask.lower()
     held = words(drawn(anchor="spur", pitch_mm=2.2))
     assert "Copper runs on from the pads" in held and "stand alone" not in held
     assert "Pads stand alone" in words(drawn())
