@@ -447,8 +447,9 @@ def test_a_scale_is_corrected_where_it_counts(default_kit: Kit, tmp_path: Path) 
     assert run(f"simulate {kit} -o {own} --count 2 --scale-error 0.3").exit_code == 0
     with np.load(own) as frames:
         np.savez(bare, depth=frames["depth"])
-    remedy = "which counts: correct it, or leave it out"
+    remedy = "(the file has a px_per_mm of its own, which counts: correct it, or leave it out), or name a tape of W"
     for words in ("decode", "watch --rate max"):
         by_file, by_profile = (run(f"{words} {path} --tape {kit} --json").stdout for path in (own, bare))
         assert all("px_per_mm = [20.8" in said for said in (by_file, by_profile))
         assert remedy in by_file and remedy not in by_profile
+        assert "at the file's 16 px/mm" in by_file and "at the profile's 16 px/mm" in by_profile
