@@ -88,10 +88,14 @@ def _look(frames: Sequence[str], kits: Sequence[str], like: str | None) -> First
     opened = [tried(partial(open_frame_file, name), problems) for name in frames]
     tapes = tried(lambda: read_tapes(kits), problems)
     sensor = tried(lambda: load_sensor(like or "generic", "like"), problems)
+    scales = {file.px_per_mm for file in opened if file is not None}
+    if len(scales) > 1:
+        problems.append(Problem("sensor", "the files are of sensors with different px/mm; give --sensor one of them at a time"))
     if problems:
         raise SpecError(problems)
     assert sensor is not None
-    return look_at_frames((depth for file in opened if file is not None for depth in file.frames()), tapes or (), sensor)
+    images = (depth for file in opened if file is not None for depth in file.frames())
+    return look_at_frames(images, tapes or (), sensor, scales.pop())
 
 
 def frames_lines(found: FirstFrames) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +18,7 @@ from tactape_fab.sense.calibrate.valid import valid_pixels
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import SOLID_DOTS
 from tactape_fab.sense.decode.rule import GOOD_TRUST
+from tactape_fab.sense.files.jobs import by_scale_of_file, of_file_scale
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.tape import Tape
 
@@ -52,11 +53,17 @@ class FirstFrames:
         return asdict(self)
 
 
-def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like: SensorProfile) -> FirstFrames:
+def look_at_frames(
+    frames: Iterable[npt.ArrayLike],
+    tapes: Sequence[Tape],
+    like: SensorProfile,
+    px_per_mm: tuple[float, float] | None = None,
+) -> FirstFrames:
     """Say what looks wrong in frames.
 
     frames each (h, w): As the sensor delivers them.
     tapes: That were pressed; none: only the frames themselves are looked at.
+    px_per_mm: The file's own scale, which counts for the profile's.
     Raises SpecError, FrameError if they are no depth maps of one shape, or all of them are empty.
     """
     images, bad = checked_frames(frames)
@@ -65,6 +72,8 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
     wrong += _of_values(images)
     height, width = images[0].shape
     sensor = fitted_size((height, width), like)
+    if px_per_mm is not None:
+        sensor = replace(sensor, px_per_mm=px_per_mm)
     if (height, width) != like.frame_shape:
         h, w = like.frame_shape
         wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like")
@@ -79,7 +88,7 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
         looks = tuple(FrameLook(frame=k, dots=n, located=None, reason=None) for k, n in enumerate(dots))
         return FirstFrames(frames=looks, wrong=tuple(wrong), next_step="name the kit that was pressed with --tape, to see more")
     localizer = Localizer(tapes, sensor, refine="dots")
-    answers = [localizer.locate(image) for image in images]
+    answers = [by_scale_of_file(localizer.locate(image), px_per_mm) for image in images]
     looks = tuple(
         FrameLook(frame=k, dots=n, located=fix.located, reason=fix.reason)
         for k, (n, fix) in enumerate(zip(dots, answers, strict=True))
@@ -89,7 +98,8 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
     reasons = Counter(fix.reason for fix in answers if fix.reason is not None and fix.n_dots >= SOLID_DOTS)
     wrong += [f"{count} of {len(images)} frames: {reason}" for reason, count in _named(reasons)]
     if found == 0:
-        wrong += _of_profile(images, tapes, sensor)
+        said = _of_profile(images, tapes, sensor)
+        wrong.append(said if px_per_mm is None else of_file_scale(said))
     return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(found, len(images), wrong))
 
 
@@ -123,18 +133,18 @@ def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
     return sorted(kinds.values(), key=lambda pair: -pair[1])[:3]
 
 
-def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> list[str]:
+def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> str:
     """The fault of the profile that keeps all frames from being located, if it is one."""
     found = find_orientation(images, tapes, sensor, with_depth(None, sensor))
     if found is None:
-        return ["no sign, mirror or px/mm shows the tape: is it the one that was pressed, parts up, and are frames depth?"]
+        return "no sign, mirror or px/mm shows the tape: is it the one that was pressed, parts up, and are frames depth?"
     (u, v), mirror = found.px_per_mm, "true" if found.mirror else "false"
     changes = [
         *([f"sign = {found.sign}"] if found.sign != sensor.sign else []),
         *([f"mirror = {mirror}"] if found.mirror != sensor.mirror else []),
         f"px_per_mm = [{u:.4g}, {v:.4g}]",
     ]
-    return [f"the tape is seen with another profile: set {', '.join(changes)}, or calibrate"]
+    return f"the tape is seen with another profile: set {', '.join(changes)} in the sensor profile, or calibrate"
 
 
 def _next_step(found: int, count: int, wrong: Sequence[str]) -> str:

@@ -203,15 +203,18 @@ def make_locator(job: Job, sensor: SensorProfile) -> Locate:
 
 
 def by_scale_of_file(fix: Localization, px_per_mm: tuple[float, float] | None) -> Localization:
-    """An answer whose reason says where the scale is to be corrected: a file's own counts, whatever the profile says."""
-    if px_per_mm is None or fix.reason is None:
-        return fix
-    reason = fix.reason.replace("the sensor profile's", "the file's").replace("the profile's", "the file's")
+    """An answer whose reason says where the scale is to be corrected."""
+    return fix if px_per_mm is None or fix.reason is None else replace(fix, reason=of_file_scale(fix.reason))
+
+
+def of_file_scale(reason: str) -> str:
+    """A reason for frames of a file with a scale of its own, which counts, whatever the profile says."""
+    reason = reason.replace("the sensor profile's", "the file's").replace("the profile's", "the file's")
     if "px_per_mm" in reason:
         where = "in the sensor profile"
         counts = f"{where} (the file has a px_per_mm of its own, which counts: correct it, or leave it out)"
         reason = reason.replace(where, counts)
-    return replace(fix, reason=reason)
+    return reason
 
 
 def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_locator) -> Iterator[Located]:

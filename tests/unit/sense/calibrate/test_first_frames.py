@@ -32,6 +32,13 @@ def test_good_frames_are_left_alone() -> None:
     assert set(found.to_mapping()) == {"frames", "wrong", "next_step"}
 
 
+def test_a_file_s_own_scale_counts() -> None:
+    off = replace(TRUE, px_per_mm=(10.0, 10.0))
+    assert look_at_frames(good(), [TAPE], off, TRUE.px_per_mm).wrong == ()
+    found = look_at_frames(good(), [TAPE], TRUE, (10.0, 10.0))
+    assert all("(the file has a px_per_mm of its own, which counts" in line for line in found.wrong) and found.wrong
+
+
 def test_without_a_tape_dots_are_counted() -> None:
     found = look_at_frames(good(), [], TRUE)
     assert found.frames[0].located is None and found.frames[0].dots > 15 and "--tape" in found.next_step
