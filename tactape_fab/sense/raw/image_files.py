@@ -29,7 +29,9 @@ PICTURES = (".png", ".tif", ".tiff")
 COLOUR_PICTURES = (".png", ".jpg", ".jpeg")
 
 _MOST_BYTES = 256 << 20
-_WIDTH, _HEIGHT, _BITS, _SAMPLES = 256, 257, 258, 277
+_WIDTH, _HEIGHT, _BITS, _SAMPLES, _FORMAT = 256, 257, 258, 277, 339
+_NUMBERS = {(16, 2): "signed", (16, 3): "floating-point", (32, 1): "unsigned", (32, 2): "signed"}
+"""Kinds of numbers by BitsPerSample and SampleFormat (TIFF 6.0, section 19) that are no depth maps here."""
 _PURPOSE = "reading a picture"
 _REMEDY = "write it with one channel of 16 bits"
 _COLOUR_REMEDY = "give a PNG or JPEG with three channels of 8 bits"
@@ -142,4 +144,7 @@ def _tiff_header(data: bytes) -> tuple[int, int, int, int]:
     directory = TiffDirectory(data, _REMEDY)
     if directory.several:
         raise SpecError("it holds several pictures; give an .npz for many frames")
-    return directory.value(_HEIGHT), directory.value(_WIDTH), directory.value(_BITS, 1), directory.value(_SAMPLES, 1)
+    bits, channels = directory.value(_BITS, 1), directory.value(_SAMPLES, 1)
+    if (kind := _NUMBERS.get((bits, directory.value(_FORMAT, 1)))) is not None:
+        raise SpecError(f"it has {kind} numbers of {bits} bits; write unsigned ones of 16 bits, or floats of 32")
+    return directory.value(_HEIGHT), directory.value(_WIDTH), bits, channels

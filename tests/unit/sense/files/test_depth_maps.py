@@ -157,6 +157,12 @@ def test_what_is_no_depth_map_is_named(tmp_path: Path, case: str) -> None:
     assert words in refused(path)
 
 
+@pytest.mark.parametrize(("kind", "words"), [(np.int16, "signed numbers of 16 bits"), (np.int32, "signed numbers of 32 bits")])
+def test_tiff_of_signed_numbers_is_named(tmp_path: Path, kind: type[np.generic], words: str) -> None:
+    cv2.imwrite(str(tmp_path / "f.tif"), np.zeros((32, 40), kind))
+    assert f"it has {words}; write unsigned ones of 16 bits, or floats of 32" in refused(tmp_path / "f.tif")
+
+
 def test_tiff_of_two_pictures_is_refused(tmp_path: Path) -> None:
     cv2.imwritemulti(str(tmp_path / "f.tif"), [np.zeros((4, 4), np.uint16)] * 2)
     assert "several pictures" in refused(tmp_path / "f.tif")
