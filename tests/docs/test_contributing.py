@@ -31,7 +31,7 @@ def test_what_is_named_exists(path: str) -> None:
 
 def test_a_name_that_is_gone_would_be_found() -> None:
     assert {"tactape_fab/kit/plan.py", "tests.golden.record", ".ci/run"} <= set(PATH.findall(TEXT))
-    assert len(NAMED.findall(TEXT)) == 4
+    assert len(NAMED.findall(TEXT)) == 8
     assert not exists("tactape_fab/kit/door.py") and not exists("tactape_fab.kit.door") and not exists("templates/none/NAME.toml")
 
 

@@ -10,6 +10,9 @@ from click.testing import CliRunner, Result
 from tactape_fab.base.errors import Check
 from tactape_fab.cli import main
 from tactape_fab.cli.printing import verified_line
+from tactape_fab.kit.profiles import PartProfile, profile_names, read_part
+
+CHIPS = [name for name in profile_names("parts") if isinstance(read_part(name), PartProfile)]
 
 
 def run(command: str) -> Result:
@@ -22,9 +25,9 @@ def run(command: str) -> Result:
         ("check --sector 7 --fab jlcpcb", "did you mean 'jlcpcb-fpc'?"),
         ("check --sector 7 --fab PCBWay-FR4", "did you mean 'pcbway-fr4'?"),
         ("check --sector 7 --part Dome", "did you mean 'dome'?"),
-        ("check --sector 7 --part 0201", "did you mean 'r0201'?"),
-        ("check --sector 7 --part 0402", "chips that come with it are r01005, r0201"),
-        ("check --sector 7 --part r0603", "chips that come with it are r01005, r0201"),
+        ("check --sector 7 --part 0201", f"did you mean '{min(name for name in CHIPS if name.endswith('0201'))}'?"),
+        ("check --sector 7 --part 0402", f"chips that come with it are {', '.join(CHIPS)}"),
+        ("check --sector 7 --part r0603", f"chips that come with it are {', '.join(CHIPS)}"),
         ("check --sector 7 --coverlay Gang", "did you mean 'gang'?"),
         ("check --sector 7 --code anoto", "did you mean 'anoto-6x6'?"),
         ("check --sector 7 --assembly jlc", "did you mean 'jlcpcb'?"),

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 
 from tactape_fab import TapeSpec
 from tactape_fab.base.errors import CapacityError, SpecError
+from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.spec.tape_spec import KEYS, read_spec_file
+from tactape_fab.texture.code import ALL_CODE_NAMES
 from tests.unit.base.test_fields import JSON
 
 
@@ -106,7 +108,7 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"size_mm": [0.0, 50.0]}, "size_mm[0]", "size_mm[0] = 0 mm is not above 0 mm"),
     ({"size_mm": [100.0, math.nan]}, "size_mm[1]", "size_mm[1] = nan mm is not a finite number"),
     ({"size_mm": [1e7, 50.0]}, "size_mm[0]", "size_mm[0] = 1e+07 mm exceeds 10000 mm"),
-    ({"code": "qr"}, "code", "code = 'qr' is none of: microdots-4x4, debruijn-4x4, anoto-6x6"),
+    ({"code": "qr"}, "code", f"code = 'qr' is none of: {', '.join(ALL_CODE_NAMES)}"),
     ({"origin": [3375, 0]}, "origin[0]", "origin[0] = 3375 is outside 0 to 3374; give --origin COL,ROW"),
     ({"origin": [0, -1]}, "origin[1]", "origin[1] = -1 is outside 0 to 3374"),
     ({"origin": [0]}, "origin", "origin = [0] is not 2 whole numbers"),
@@ -121,13 +123,12 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"tag_cell_mm": 0.2}, "tag_cell_mm", "tag_cell_mm = 0.2 mm is below 0.3 mm"),
     ({"rotation_deg": 400.0}, "rotation_deg", "rotation_deg = 400 deg exceeds 360 deg"),
     ({"rotation_deg": -400.0}, "rotation_deg", "rotation_deg = -400 deg is below -360 deg"),
-    ({"part": "r9999"}, "part", "part = 'r9999' is none of: block, cone, dome, r01005, r0201, nor the path of a .toml file"),
+    ({"part": "r9999"}, "part", f"part = 'r9999' is none of: {', '.join(profile_names('parts'))}, nor the path of a .toml file"),
     ({"part": 201}, "part", "part = 201 is not a text"),
     (
         {"fab": "acme"},
         "fab",
-        "fab = 'acme' is none of: generic-fpc, generic-fr4, generic-lpi, "
-        "jlcpcb-fpc, jlcpcb-fr4, pcbway-fpc, pcbway-fr4, nor the path of a .toml file",
+        f"fab = 'acme' is none of: {', '.join(profile_names('fabs'))}, nor the path of a .toml file",
     ),
     ({"assembly": "yes"}, "assembly", "assembly = 'yes' is none of: generic, jlcpcb"),
     ({"x2": "on"}, "x2", "x2 = 'on' is none of: full, comments, off"),

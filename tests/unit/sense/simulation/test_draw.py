@@ -12,6 +12,7 @@ import pytest
 
 from tactape_fab import Kit, Tape, TapeSpec
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.profiles import load_fab, load_part
 from tactape_fab.sense import Parts, Scene, draw_poses, iterate_frames, load_sensor, parts_from_cpl, simulate, simulate_frames
@@ -228,7 +229,7 @@ def test_other_surfaces_have_no_dots(tape: Tape) -> None:
         (lambda t: simulate(t, (1.0,), 0.0), "position_mm = (1.0,) is not 2 numbers"),
         (lambda t: dots_of(t, (1.0, 2.0)), "position_mm = [1.0] is not 2 numbers"),
         (lambda t: simulate(t, (0.0, 1.0), float("inf")), "theta_deg = inf deg is not a finite number"),
-        (lambda t: simulate(t, (0.0, 1.0), 0.0, sensor="nosuch"), "is none of: digit, gelsight-mini, generic"),
+        (lambda t: simulate(t, (0.0, 1.0), 0.0, sensor="nosuch"), f"is none of: {', '.join(profile_names('sensors'))}"),
         (lambda t: simulate(t, (0.0, 1.0), 0.0, misssing=0.1), "did you mean 'missing'?"),
         (lambda t: simulate(t, (0.0, 1.0), 0.0, missing=1.5), "scene.missing = 1.5 exceeds 1"),
         (lambda t: simulate(t, (0.0, 1.0), 0.0, contact="square"), "is none of: ellipse, strip, pad"),
