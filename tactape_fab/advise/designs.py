@@ -158,11 +158,11 @@ def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displa
     return max(element_pitch_mm(gap_mm, part, placing), cell_pitch_mm(part, placing))
 
 
-def judged(design: Design) -> Design | None:
+def judged(design: Design, *, widen: bool = True) -> Design | None:
     """The design after the rules: slightly wider if they require it, with their warnings; None if they refuse it."""
     # rounding of W and of Δ may leave the closed form's pitch short by a hundredth
-    for step in range(_TRIES):
-        wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2))
+    for step in range(_TRIES if widen else 1):
+        wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2)) if step else design
         side_mm = max(_BOARD_MM, _BOARD_PITCHES * wider.pitch_mm)
         broken = rules_of(wider, (side_mm, side_mm))
         if broken is not None and not any(finding.blocks for finding in broken):

@@ -84,7 +84,9 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
     asked_mm, asked_words = _contact(DEFAULT_CONTACT_MM if contact is None else contact)
     question = read_question({"contact_mm": asked_mm, "fab": fab_name, "placement_mm": PLACEMENT_MM, "size_mm": spec.size_mm})
     tried = dict.fromkeys(_designs(fab, fab_name, part, spec, given))
-    legal = [_candidate(design, question, spec.code) for found in tried if (design := judged(found)) is not None]
+    left_open = "pitch_mm" not in given
+    judgements = (judged(found, widen=left_open) for found in tried)
+    legal = [_candidate(design, question, spec.code) for design in judgements if design is not None]
     if not legal:
         message = f"order = '{house}': no tape is legal with what is given; leave out some of --w, --delta, --coverlay, --anchor"
         raise SpecError(Problem("order", message))

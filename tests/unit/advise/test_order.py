@@ -52,6 +52,7 @@ def test_a_smaller_contact_costs_the_hold_of_the_pads() -> None:
     "given",
     [
         {"pitch_mm": 2.3},
+        {"pitch_mm": 2.345},
         {"displacement_mm": 0.3},
         {"pitch_mm": 2.4, "displacement_mm": 0.3},
         {"anchor": "spur"},
@@ -65,6 +66,10 @@ def test_what_is_given_stays(given: dict[str, Any]) -> None:
     chosen = choose_order({"sector": 7, **given}, "jlcpcb")
     assert {key: chosen.values[key] for key in given} == given
     assert not broken(chosen.values)
+
+
+def test_w_that_is_given_is_not_widened_to_what_is_legal() -> None:
+    assert choose_order({"sector": 7, "pitch_mm": 1.0}, "jlcpcb-fr4").values["pitch_mm"] == 1.0
 
 
 @pytest.mark.parametrize(
