@@ -124,12 +124,11 @@ def examine_order(
     values_of = _Naming(values=tape_values, name=tape_values.get("name"))
     if request.sectors is None and "sectors" in values and "sector" not in tape_values:
         first = 0  # faults of the sectors are among the problems
-    place = output if output is not None or not isinstance(first, int) else values_of.panel_name(first)
     base_values = {**tape_values, **({} if first is None else {"sector": first})}
     alone = by_profile and fab is not None and not arrangements(spec.size_mm, fab)
     of_panel = [] if fab is None or alone else _panel_problems(spec, first, request, fab, tape_values.get("tag_id"))
     try:
-        base = examine(base_values, output=place, overwrite=overwrite, known=problems)
+        base = examine(base_values, output=output, overwrite=overwrite, known=problems)
     except SpecError as error:
         # one tag for all tapes is told by the panel; the tape's own sentence on the same id would say it twice
         of_tape = [p for p in error.problems if p.root != "tag_id" or all(q.root != "tag_id" for q in of_panel)]

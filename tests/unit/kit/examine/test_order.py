@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,6 +27,13 @@ def test_a_panel_is_examined_beside_a_tape_that_is_refused() -> None:
     assert sector.startswith("sector = 255 on a panel of 6 tapes") and "use --sector 250 or less" in sector  # of that panel
     coverlay, panel = refused(sector=9, panel="1x1", coverlay="lpi", **NARROW)
     assert coverlay.startswith("coverlay") and panel.startswith("panel")
+
+
+def test_a_folder_of_the_panel_s_name_is_nothing_to_who_writes_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tactape-panel-s007").mkdir()
+    examined, _ = examine_order({"sector": 7, "panel": "3x2", **NARROW})
+    assert examined.name == "tactape-panel-s007"
 
 
 def test_no_panel_is_measured_of_a_size_that_is_refused() -> None:
