@@ -396,3 +396,15 @@ def test_each_code_with_and_without_its_manifest() -> None:
     assert known["trace-22"] == known["touch-2"] < known["microdots-4x4"] < alone["trace-22"] < alone["microdots-4x4"]
     assert (alone["trace-22"] / alone["microdots-4x4"]) ** 2 < 0.7
     assert "trace-22: " in run("advise --contact 6.1 --explain").stdout
+
+
+@pytest.mark.parametrize(("size", "remedy"), [("10x10", "use --size 13.7x10"), ("5000x5000", "use a smaller --size")])
+def test_a_size_of_no_tape_has_a_remedy_that_advise_takes(size: str, remedy: str) -> None:
+    refused = run(f"advise --contact 6 --size {size}")
+    assert refused.exit_code == 2 and refused.stderr.endswith(f"; {remedy}\n")
+
+
+def test_large_printed_tapes_are_advised_in_four_directions() -> None:
+    """No code of eight has as many points."""
+    found = advise(read_question({"contact_mm": 6, "process": "sla", "size_mm": [400, 250]}))
+    assert {line.design.directions for line in found.lines} == {4}
