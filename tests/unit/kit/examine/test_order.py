@@ -33,7 +33,7 @@ def test_a_folder_of_the_panel_s_name_is_nothing_to_who_writes_none(tmp_path: Pa
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tactape-panel-s007").mkdir()
     examined, _ = examine_order({"sector": 7, "panel": "3x2", **NARROW})
-    assert examined.name == "tactape-panel-s007"
+    assert isinstance(examined, ExaminedPanel) and examined.name == "tactape-panel-s007"
 
 
 def test_no_panel_is_measured_of_a_size_that_is_refused() -> None:
