@@ -37,9 +37,16 @@ def together_findings(
         return ()
     said = "; ".join(c.message for c in found[:_NAMED])
     more = f" and {len(found) - _NAMED} more conflicts" if len(found) > _NAMED else ""
-    way = remedy(found)
+    by_id = all(c.kind == "tag" and _of_given_id([tapes[i] for i in c.tapes], new) for c in found)
+    way = "leave out --tag-id, or tag_id in the TOML file" if by_id else remedy(found)
     message = f"{said}{more}" + (f"; {way}" if way else "")
     return (Finding(rule="together", level="warn", passed=False, unit="", message=message),)
+
+
+def _of_given_id(pair: Sequence[Tape], new: int | None) -> bool:
+    """Whether two tags are the same because an id was given; of a new tape beside others its own counts."""
+    given = [tape.tag is not None and tape.tag.id != tape.sector for tape in (pair if new is None else pair[:1])]
+    return any(given) and pair[0].sector != pair[1].sector
 
 
 def too_many(count: int) -> Finding:

@@ -65,6 +65,15 @@ def test_a_tape_beside_others_is_compared_with_them() -> None:
     assert said(run("check --avoid tactape-s007 --size 30x20")) == ""
 
 
+@pytest.mark.parametrize("words", ["make --sectors 1-2 --no-verify -o kits", "check --sector 2 --avoid kits/tactape-s001"])
+def test_tags_of_one_given_id_have_none_given(words: str) -> None:
+    small = "--tag-id 5 --size 24x20 --no-3d"
+    assert run(f"make --sectors 1 --no-verify -o kits {small}").exit_code == 0
+    again = words.replace("-o kits", "-o others")
+    assert said(run(f"{again} {small}")).endswith("both tags have id 5; leave out --tag-id, or tag_id in the TOML file")
+    assert said(run(f"{again.replace('others', 'good')} --size 24x20 --no-3d")) == ""
+
+
 def test_tapes_of_a_table_are_named() -> None:
     Path("lab.toml").write_text("models = false\n[[tapes]]\nsector = 0\n[[tapes]]\nsector = 1\n")
     result = run("make lab.toml --size 100x50 --no-verify --jobs 1")
