@@ -105,7 +105,7 @@ class ClusterPool(Executor):
             return LostProcessError(-9)
         if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] == __name__.partition(".")[0]:
             return OtherWorkerError(
-                f"a worker of {self.address} has no tactape-fab; pip install tactape-fab=={__version__} there"
+                f"a worker of {self.address} has no tactape-fab; install version {__version__} there, as here"
             )
         return error
 

@@ -73,7 +73,7 @@ def package_files(name: str, parameters: Mapping[str, Any]) -> dict[str, str]:
 <package format="3">
   <name>{name}</name>
   <version>{__version__}</version>
-  <description>Locates contacts of a tactile sensor on tactape tapes. Needs: pip install tactape-fab</description>
+  <description>Locates contacts of a tactile sensor on tactape tapes. Needs the Python package tactape-fab</description>
   <maintainer email="you@example.com">you</maintainer>
   <license>MIT</license>
 
