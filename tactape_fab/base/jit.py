@@ -12,31 +12,45 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache, partial, wraps
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-for _name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
-    # numba unpickles what is kept: a folder that is named relatively would lie in the current folder, which may be a stranger's
-    # kit, and so would that of an empty XDG_CACHE_HOME (the XDG base directory specification has both ignored)
-    if (_folder := os.environ.get(_name)) is not None and not Path(_folder).is_absolute():
-        del os.environ[_name]
+
+@contextmanager
+def _absolute_folders() -> Iterator[None]:
+    """Hide folders that are named relatively while numba looks where functions are kept: at its import, and for each kernel.
+
+    It unpickles what is kept, and they would lie in the current folder, which may be a stranger's kit, as would that of an empty
+    XDG_CACHE_HOME (the XDG base directory specification has both ignored). The program that imports this package keeps its own.
+    """
+    given = {name: os.environ.get(name) for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    hidden = {name: folder for name, folder in given.items() if folder is not None and not Path(folder).is_absolute()}
+    for name in hidden:
+        del os.environ[name]
+    try:
+        yield
+    finally:
+        os.environ.update(hidden)
+
 
 _COLOURS = "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"
 _before = os.environ.get(_COLOURS)
 os.environ.setdefault(_COLOURS, "1")  # numba colours all messages, those of rules that it tries in vain as well: 5 % of its time
 try:
-    from numba import njit
-    from numba.core import config
+    with _absolute_folders():
+        from numba import njit
+        from numba.core import config
 except ImportError:  # a platform without a wheel
     COMPILED = False
 else:
     config._config_fname = os.devnull
-    config.reload_config()  # type: ignore[no-untyped-call]
+    with _absolute_folders():
+        config.reload_config()  # type: ignore[no-untyped-call]
     # numba obeys a .numba_config.yaml of the current folder: one of an untrusted folder may name compiled functions
     COMPILED = not config.DISABLE_JIT  # type: ignore[attr-defined]
     """Whether kernels are compiled at all."""
@@ -63,7 +77,8 @@ def _probe() -> None:
 def _can_be_kept() -> bool:
     """Whether a folder takes compiled functions: NUMBA_CACHE_DIR, the one beside the sources, or the user's."""
     try:
-        njit(cache=True)(_probe)
+        with _absolute_folders():
+            njit(cache=True)(_probe)
     except RuntimeError:
         return False
     return True
@@ -144,7 +159,10 @@ if COMPILED:
         """A kernel that is compiled anew where what is kept of it cannot be read."""
 
         def decorate(function: Function) -> Any:
-            compiled: Any = njit(**_options | options)(function)
+            if not Path(config.CACHE_DIR).is_absolute():  # type: ignore[attr-defined]
+                config.CACHE_DIR = ""  # type: ignore[attr-defined]  # the program may have had numba read its settings again
+            with _absolute_folders():
+                compiled: Any = njit(**_options | options)(function)
             if (file := getattr(compiled._cache, "_cache_file", None)) is not None:
                 file.load = partial(_load, file, file.load)
             return compiled

@@ -141,7 +141,8 @@ def test_a_kept_kernel_that_cannot_be_read_is_compiled_anew(
 def test_no_kernel_is_kept_in_the_current_folder(name: str, value: str, tmp_path: Path) -> None:
     """numba unpickles what is kept, and the current folder may be a stranger's."""
     program, here, home = tmp_path / "program.py", tmp_path / "here", tmp_path / "home"
-    program.write_text(ADDED.replace("print(", "0 and print("), encoding="utf-8")
+    import_again = "import os\nfrom numba.core import config\nconfig.reload_config()\n"
+    program.write_text(ADDED.replace("@kernel", f"{import_again}@kernel", 1) + f"assert os.environ[{name!r}] == {value!r}\n")
     (tmp_path / "__pycache__").touch()  # as beside the modules of an installation that the user may not write to
     here.mkdir()
     environment = {k: v for k, v in os.environ.items() if k not in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
