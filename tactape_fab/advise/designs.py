@@ -16,7 +16,16 @@ from tactape_fab.base.errors import Finding, SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.film.anchors import Placing
 from tactape_fab.kit.film.coverlay import worst_box_gap_mm
-from tactape_fab.kit.profiles import ElementProfile, FabProfile, Limit, PartProfile, ProcessProfile, load_process, read_part
+from tactape_fab.kit.profiles import (
+    ElementProfile,
+    FabProfile,
+    Limit,
+    PartProfile,
+    ProcessProfile,
+    load_fab,
+    load_process,
+    read_part,
+)
 from tactape_fab.kit.rules.remedies import cell_pitch_mm, element_pitch_mm, gap_pitch_mm
 from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.grid_options import DEFAULT_PITCH_MM
@@ -38,8 +47,8 @@ ELEMENTS = (
 _STEP_MM = 0.01
 _TRIES = 4
 _SECANTS = 6
-_BOARD_MM, _BOARD_PITCHES = 15.0, 8.0
-"""Sides of the small tape that is measured: every pair of symbols is adjacent somewhere on it."""
+_BOARD_MM, _BOARD_PITCHES, _EDGE_MM = 15.0, 8.0, 1.0
+"""Sides of the small tape that is measured: every pair of symbols is adjacent somewhere on it, so far within the outline."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,10 +169,12 @@ def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displa
 
 def judged(design: Design, *, widen: bool = True) -> Design | None:
     """The design after the rules: slightly wider if they require it, with their warnings; None if they refuse it."""
+    limits = {} if design.fab is None else load_fab(design.fab).limits
+    beyond_mm = max([0.0, *(limits[rule].value_mm - _EDGE_MM for rule in ("pad-edge", "body-edge", "opening-edge") if limits)])
     # rounding of W and of Δ may leave the closed form's pitch short by a hundredth
     for step in range(_TRIES if widen else 1):
         wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2)) if step else design
-        side_mm = max(_BOARD_MM, _BOARD_PITCHES * wider.pitch_mm)
+        side_mm = max(_BOARD_MM, _BOARD_PITCHES * wider.pitch_mm) + 2.0 * beyond_mm
         broken = rules_of(wider, (side_mm, side_mm))
         if broken is not None and not any(finding.blocks for finding in broken):
             return replace(wider, warnings=tuple(sorted(f.rule for f in broken if f.level == "warn")))

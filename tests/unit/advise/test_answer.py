@@ -408,3 +408,10 @@ def test_large_printed_tapes_are_advised_in_four_directions() -> None:
     """No code of eight has as many points."""
     found = advise(read_question({"contact_mm": 6, "process": "sla", "size_mm": [400, 250]}))
     assert {line.design.directions for line in found.lines} == {4}
+
+
+def test_a_profile_that_asks_for_a_wide_edge_has_designs(tmp_path: Path) -> None:
+    limit = 'body-edge = { value_mm = 5.0, source = "V-cut", date = "2026-01-01", confirmed = false }'
+    (tmp_path / "vcut.toml").write_text(f'name = "vcut"\nextends = "generic-fpc"\n[limits]\n{limit}\n')
+    wide, usual = (advise(read_question({"contact_mm": 6, "fab": fab})) for fab in (str(tmp_path / "vcut.toml"), "generic-fpc"))
+    assert [line.design.pitch_mm for line in wide.lines] == [line.design.pitch_mm for line in usual.lines]
