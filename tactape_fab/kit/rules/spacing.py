@@ -164,12 +164,12 @@ def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Find
     if layout.window_mm is not None:
         return
     bridges = worst(gap_mm(outlines.opening, shifts))
-    yield finding(fab, "opening-bridge", bridges, "coverlay bridge between openings", wider("opening-bridge"))
+    yield finding(fab, "opening-bridge", bridges, f"{fab.mask_name} bridge between openings", wider("opening-bridge"))
     yield finding(
         fab,
         "opening-size",
         (min(outlines.opening_size_mm), None),
-        "shorter side of a coverlay opening",
+        f"shorter side of a {fab.mask_name} opening",
         lambda limit_mm: opening_words(spec, fab, limit_mm),
     )
 
@@ -192,7 +192,7 @@ def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     for rule, outline, what in (
         ("pad-edge", layout.outlines.pads, "pad to outline"),
         ("body-edge", layout.outlines.body, "body to outline"),
-        ("opening-edge", layout.outlines.opening, "coverlay opening to outline"),
+        ("opening-edge", layout.outlines.opening, f"{fab.mask_name} opening to outline"),
     ):
         measured = to_outline(layout.parts_xy_mm, outline, board, fab.limits[rule].value_mm)
         if rule == "pad-edge" and layout.anchors is not None:
@@ -251,7 +251,7 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         fab,
         "opening-legend",
         worst_at(gaps_mm(openings, ink), near),
-        "legend to coverlay opening",
+        f"legend to {fab.mask_name} opening",
         "use --tag none",
     )
     if layout.tape.board.holes:
