@@ -27,6 +27,8 @@ DEFAULT_CONTACT_MM = (11.0, 9.0)
 PLACEMENT_MM = 0.05
 """Standard deviation of the parts' places that the prediction rests on, along each axis: what a line places 0201 chips within."""
 _SHARES = (0.12, *SHARES)
+_TYPED = {"pitch_mm": "--w", "displacement_mm": "--delta", "coverlay": "--coverlay", "anchor": "--anchor"}
+"""Options of what may be given."""
 _HOLDS = {
     "mesh": "an opening for each part, and a mesh of copper under the film that holds every pad",
     "spur": "an opening for each part, and spurs of copper under the film that hold every pad",
@@ -88,8 +90,13 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
     judgements = (judged(found, widen=left_open) for found in tried)
     legal = [_candidate(design, question, spec.code) for design in judgements if design is not None]
     if not legal:
-        message = f"order = '{house}': no tape is legal with what is given; leave out some of --w, --delta, --coverlay, --anchor"
-        raise SpecError(Problem("order", message))
+        typed = [option for key, option in _TYPED.items() if key in given]
+        way = (
+            f"leave out {'some of ' * (len(typed) > 1)}{', '.join(typed)}"
+            if typed
+            else "ask the house, or give another part or house"
+        )
+        raise SpecError(Problem("order", f"order = '{house}': no tape is legal{' with what is given' if typed else ''}; {way}"))
     best = _best(legal, asked_mm)
     decided = {
         "fab": fab_name,
@@ -200,8 +207,7 @@ def _remarks(
             f"order: holding the pads costs {best.least_mm - least.least_mm:.1f} mm of contact: from {least.least_mm:g} mm with "
             f"{least.words()}"
         )
-    typed = {"pitch_mm": "--w", "displacement_mm": "--delta", "coverlay": "--coverlay", "anchor": "--anchor"}
-    options = [f"--fab {quote(str(decided['fab']))}", *(f"{option} {decided[key]}" for key, option in typed.items())]
+    options = [f"--fab {quote(str(decided['fab']))}", *(f"{option} {decided[key]}" for key, option in _TYPED.items())]
     yield f"order: the same without a search: {' '.join(options)}" + (
         f" --part-number {decided['part_number']}" if "part_number" in decided else ""
     )

@@ -79,7 +79,7 @@ def test_w_that_is_given_is_not_widened_to_what_is_legal() -> None:
         ({}, "acme", None, "order = 'acme' is none of: generic, jlcpcb, pcbway"),
         ({"fab": "pcbway-fpc"}, "jlcpcb", None, "leave out --fab"),
         ({"part": "dome"}, "jlcpcb", None, "leave out --order"),
-        ({"pitch_mm": 0.7}, "jlcpcb", None, "no tape is legal"),
+        ({"pitch_mm": 0.7}, "jlcpcb", None, "no tape is legal with what is given; leave out --w$"),
         ({"rotation_deg": 30.0}, "jlcpcb", None, "rotation_deg = 30 deg contradicts --order"),
         ({"code": "touch-1", "directions": 8}, "jlcpcb-fr4", None, "directions = 8 contradicts --order"),
         ({"directions": [8]}, "jlcpcb-fr4", None, r"directions = \[8\] is neither 4 nor 8"),
