@@ -145,7 +145,7 @@ def advise(question: Question) -> Advice:
         try:
             kept += [_counted(line, question)] if kept else _first(line, question)
         except SpecError as error:
-            refused = refused or [_by_size(problem) for problem in error.problems]
+            refused = refused or list(error.problems)
     if not kept:
         raise SpecError(refused or [Problem("process", f"no design is legal for {making.name}; use another --fab or --process")])
     return Advice(
@@ -263,12 +263,6 @@ def _first(line: Line, question: Question) -> list[Line]:
     """The recommended line, if the rules allow the very tape that its command makes."""
     broken = rules_of(line.design, question.size_mm)
     return [] if broken is not None and any(f.blocks for f in broken) else [_counted(line, question)]
-
-
-def _by_size(problem: Problem) -> Problem:
-    """A problem of a tape of the requested size: of the ways out that `make` has, `advise` knows the size alone."""
-    said, _, remedy = problem.message.rpartition("; ")
-    return replace(problem, message=f"{said}; {remedy.partition(', or ')[0] if '--size' in remedy else 'use a smaller --size'}")
 
 
 def _counted(line: Line, question: Question) -> Line:

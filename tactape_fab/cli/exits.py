@@ -102,6 +102,14 @@ def _within(line: str) -> str:
     )
 
 
+def _ways_of(names: Sequence[str], line: str) -> str:
+    """A message without those ways out that are options of other commands: tapes of a size are made by several."""
+    said, use, remedy = line.rpartition("; use ")
+    ways = re.split(r",? or (?=--|a )", remedy)
+    known = [way for way in ways if set(re.findall(r"--([\w-]+)", way)) <= {*names}]
+    return line if not (use and names) or len(known) in (0, len(ways)) else f"{said}{use}{', or '.join(known)}"
+
+
 def with_options(line: str) -> str:
     """A message with options in place of arguments that its remedy names: ``--world open``; kits by ``--tape``."""
     context = click.get_current_context(silent=True)
@@ -112,7 +120,7 @@ def with_options(line: str) -> str:
         value = found[2] or found[3]
         return found[0] if name not in names else f"--{name} {value}" if value and value != "True" else f"--{name}"
 
-    line = _ARGUMENT.sub(option, line)
+    line = _ways_of(names, _ARGUMENT.sub(option, line))
     return _KITS.sub(r"\g<0> with --tape", line) if "tape" in names else line
 
 

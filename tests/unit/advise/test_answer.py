@@ -398,7 +398,7 @@ def test_each_code_with_and_without_its_manifest() -> None:
     assert "trace-22: " in run("advise --contact 6.1 --explain").stdout
 
 
-@pytest.mark.parametrize(("size", "remedy"), [("10x10", "use --size 13.7x10"), ("5000x5000", "use a smaller --size")])
+@pytest.mark.parametrize(("size", "remedy"), [("10x10", "use --size 13.7x10"), ("5000x5000", "use a smaller tape")])
 def test_a_size_of_no_tape_has_a_remedy_that_advise_takes(size: str, remedy: str) -> None:
     refused = run(f"advise --contact 6 --size {size}")
     assert refused.exit_code == 2 and refused.stderr.endswith(f"; {remedy}\n")

@@ -122,6 +122,8 @@ def test_certify_of_a_code_is_that_of_its_sectors() -> None:
         ("certify nowhere gone", "gone is no kit"),
         ("certify --code foo", "code = 'foo' is none of"),
         ("certify --code microdots-4x4 --size 3x3", "is too small"),
+        ("certify --code microdots-4x4 --size 10x13", "; use --size 13x13\n"),  # not --tag none, which it does not have
+        ("certify --code microdots-4x4 --size 5000x40", "; use a smaller --size\n"),
         ("certify --code microdots-4x4 --size nan", "--size"),
         ("certify --size 60x40", "--size has no effect without --code"),
         ("certify shelf --code microdots-4x4", "give either"),
