@@ -93,7 +93,7 @@ def _size(table: Fields, pitch_mm: float, code: Code, sector: int) -> tuple[floa
     for i, side_mm in enumerate((width, height)):
         if side_mm > reach_mm:
             message = (
-                f"size_mm[{i}] = {side_mm} mm exceeds {reach_mm} mm, the reach of code '{code.name}' at pitch "
+                f"size_mm[{i}] = {side_mm} mm exceeds {round(reach_mm, 6)} mm, the reach of code '{code.name}' at pitch "
                 f"{pitch_mm} mm; {larger}"
             )
             table.problems.append(ReachProblem("size_mm", message))

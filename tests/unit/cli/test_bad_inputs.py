@@ -72,6 +72,13 @@ OPTIONS = [
         "make --sector 7 --size 50x10000000 --code anoto-6x6", USAGE, "--size = '50x10000000': 1e+07 mm", "exceeds 10000 mm", SIZE
     ),
     Case(
+        "make --sector 7 --w 1.13 --size 5600x50",
+        USAGE,
+        "--size = '5600x50': 5600.0 mm",
+        "exceeds 3813.75 mm, the reach",
+        "--code",
+    ),
+    Case(
         "make --sector 7 --size 5600x50",
         USAGE,
         "--size = '5600x50': 5600.0 mm",
