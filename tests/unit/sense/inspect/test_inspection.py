@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -147,6 +148,17 @@ def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
     (one,) = inspect_scans(grey, scanned.kit)
     assert rms(errors_um(one, scanned.built)) < 7.0
     np.testing.assert_array_equal(one.present, scanned.built.present)
+
+
+@pytest.mark.parametrize(("off_mm", "file"), [((0.06, -0.06), "scan.png"), ((0.0, 0.0), "scan.jpg")])
+def test_metal_beside_bodies_is_not_taken_for_them(off_mm: tuple[float, float], file: str, kit_40: Kit, tmp_path: Path) -> None:
+    """Bodies that are all off across leave their lands bare on one side; colours of a JPEG are of half the size."""
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, seed=5)
+    built = replace(built, dx_mm=built.dx_mm + off_mm[0], dy_mm=built.dy_mm + off_mm[1])
+    picture = scan(tape, built, Scanner(), seed=1)
+    (one,) = inspect_scans(write(tmp_path / file, picture, cv2.IMWRITE_JPEG_QUALITY, 50), kit_40.path)
+    assert np.abs(errors_um(one, built).mean(axis=0)).max() < 4.0
 
 
 def test_overlapping_images_are_one_inspection_the_second_found_by_its_code(scanned: Scanned, tmp_path: Path) -> None:
