@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,9 @@ _UPRIGHT_AREA = 0.12
 _UPRIGHT_DIFFERENCE = 0.12
 """Bare lands differ from end to end by 0.06 at most, a part on its end makes 0.19 (in units of the film's brightness)."""
 _MOST_SCANS = 64
+_APART_MM, _APART_SIGMAS, _LEAST_COMMON = 0.015, 4.0, 20
+"""Median distance of places by two scans from which on they are of two copies: parts of a line that places to 0.05 mm are 0.08 mm
+apart; in units of what both scans say of their errors, too; and of how many parts."""
 CAMERA_ORDER, CAMERA_LANDS = 3, 100
 """Powers of a warp that take in a camera's perspective and lens, and how many lands they need."""
 
@@ -131,6 +135,7 @@ def inspect_with_views(
     for i, (number, group) in enumerate(zip(shown_tapes, groups, strict=True)):
         progress("tape", i, len(groups))
         measured = [_measured(view, wanted[number].tape, photo) for view in group]
+        _refuse_copies(wanted[number].tape, measured)
         found.append(_merged(wanted[number], measured, tolerance_mm, turn_tolerance_deg))
     progress("tape", len(groups), len(groups))
     return Inspected(inspections=found, views=groups)
@@ -234,6 +239,25 @@ def _facts(view: View, warp: Warp, film_sigma_mm: float, growth: float | None) -
         found_by=view.found_by,
         growth=growth,
     )
+
+
+def _refuse_copies(tape: Tape, measured: Sequence[_Measured]) -> None:
+    """Refuse scans of which two show the parts elsewhere, whatever shift all have: their means would be places of no tape."""
+    for one, other in combinations(measured, 2):
+        both = np.flatnonzero(one.view.inside & other.view.inside)
+        a, b = (np.searchsorted(np.flatnonzero(m.view.inside), both) for m in (one, other))
+        there = (one.bodies.area[a] >= LEAST_AREA) & (other.bodies.area[b] >= LEAST_AREA)
+        if there.sum() < _LEAST_COMMON:
+            continue
+        a, b = a[there], b[there]
+        off = one.bodies.shift_mm[a] - other.bodies.shift_mm[b]
+        apart = float(np.median(np.hypot(*(off - np.median(off, axis=0)).T)))
+        if apart > max(_APART_MM, _APART_SIGMAS * float(np.median(np.hypot(one.bodies.sigma_mm[a], other.bodies.sigma_mm[b])))):
+            message = (
+                f"{one.view.name} and {other.view.name} show parts of {tape.name} {1000 * apart:.0f} um apart (median): two "
+                "copies of the tape; inspect each by itself"
+            )
+            raise SpecError(Problem("scan", message))
 
 
 def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: float, turn_tolerance_deg: float) -> Inspection:

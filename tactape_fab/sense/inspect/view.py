@@ -136,8 +136,14 @@ def _tag_seeds(tags: Sequence[SeenTag], wanted: Sequence[WantedTape]) -> list[_S
         for tag in tags
         if tag.number == entry.tape.tag.id
     ]
-    if len({s.number for s in seeds}) == len(seeds) or any(w.offset_mm is None for w in wanted):
-        return list({s.number: s for s in seeds}.values())
+    if len({s.number for s in seeds}) == len(seeds):
+        return seeds
+    if any(w.offset_mm is None for w in wanted):
+        twice = next(s.number for k, s in enumerate(seeds) if s.number in {other.number for other in seeds[:k]})
+        raise SpecError(
+            f"it shows the tag of {wanted[twice].tape.name} {sum(s.number == twice for s in seeds)} times: several copies of the "
+            "tape; scan each by itself, or cut it out"
+        )
     # the panel's corner on each tape's board, and where each seed has it, mm of the picture: tags of one panel agree on it
     corners = [-np.asarray(wanted[s.number].offset_mm) @ wanted[s.number].turn for s in seeds]
     origins = np.array([s.warp.smooth(corner[None])[0] / s.warp.px_per_mm for s, corner in zip(seeds, corners, strict=True)])

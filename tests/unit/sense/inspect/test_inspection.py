@@ -171,6 +171,16 @@ def test_overlapping_images_are_one_inspection_the_second_found_by_its_code(scan
     np.testing.assert_array_equal(one.present, scanned.built.present)
 
 
+def test_two_copies_of_a_tape_are_not_averaged(scanned: Scanned, tmp_path: Path) -> None:
+    """In one scan or in two: places would be those of the first copy, or the mean of both, and exact."""
+    other = scan(scanned.tape, assembled(scanned.tape, seed=8), Scanner(), seed=3)
+    beside = np.hstack([scanned.picture, other[: len(scanned.picture)]])
+    with pytest.raises(SpecError, match=r"tag of tactape-s007 2 times: several copies of the tape; scan each by itself"):
+        inspect_scans(write(tmp_path / "both.png", beside), scanned.kit)
+    with pytest.raises(SpecError, match=r"scan.png and other.png show parts of tactape-s007 \d+ um apart .* two copies"):
+        inspect_scans([scanned.path, write(tmp_path / "other.png", other)], scanned.kit)
+
+
 def test_the_code_says_which_of_several_tapes_it_is(scanned: Scanned, tmp_path: Path) -> None:
     picture = scanned.picture.copy()
     picture[:, : picture.shape[1] * 19 // 100] = picture[5, picture.shape[1] // 2]  # the strip with the tag is covered
