@@ -17,6 +17,7 @@ from tactape_fab import Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.make.emboss import emboss_kit
 from tactape_fab.solids.mesh.triangles import threemf_bytes
+from tactape_fab.solids.surface import part_files
 from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.part_files import closed_mesh, read_surface_mesh, self_intersections
 from tactape_fab.texture.frames import FloatArray
@@ -249,6 +250,13 @@ def test_nested_shells_are_refused_before_all_their_pairs_are_looked_at() -> Non
     with pytest.raises(SpecError, match="pairs of triangles in one place"):
         self_intersections(mesh)
     assert time.process_time() - started < 5.0
+
+
+def test_fine_level_faces_are_searched_from_above(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(part_files, "_MOST_BOXES", 0)  # as for a mesh so fine that those for each triangle decide
+    plate = saddle(points=151)
+    plate.vertices[:, 2] = np.repeat((0.0, -20.0), 151**2)
+    assert self_intersections(read_surface_mesh(stl_of(plate), "stl"))[0] == 0
 
 
 def test_triangles_that_vanish_beside_the_size_of_the_part_are_refused() -> None:
