@@ -12,6 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.surface.charts import unit as unit_vectors
 from tactape_fab.solids.surface.threemf_file import FURTHEST_MM, MOST_FACES, read_3mf
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
@@ -26,6 +27,8 @@ _LEAST_VOLUME = 1e-12
 """Volume of a solid as a part of the cube of its size; rounding gives a flat mesh less."""
 _MOST_BOXES, _BOXES_EACH = 30_000_000, 200
 """Pairs of triangles whose boxes overlap, of a mesh and for each of its triangles: a fine one has some 20 for each."""
+_OPPOSITE, _SLIVER = 0.999, 100.0
+"""Cosine of normals that are opposite, and width over the grain of triangles that cover each other and are no slivers."""
 _SAMPLE = 2000
 """Triangles among which it is counted from where the fewest boxes overlap."""
 _MOST_PAIRS, _PAIRS_EACH = 200_000, 20
@@ -166,13 +169,16 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
     if len(np.unique(forward)) != len(forward):
         turned = len(forward) - len(np.unique(forward))
         raise SpecError(f"SURFACE has triangles that face opposite ways: {turned} edges are run through twice; {repair}")
+    # before the sign, which of a flat mesh is that of rounding, and before folds, of which a flat mesh has nothing else
+    if abs(mesh.volume_mm3) <= _LEAST_VOLUME * float(np.ptp(mesh.vertices_mm, axis=0).max()) ** 3:
+        raise SpecError("SURFACE encloses no volume: all of it is flat; give a closed mesh of a solid")
     cuts, at_mm = self_intersections(mesh) if crossings else (0, (0.0, 0.0, 0.0))
     if cuts:
         near = ", ".join(f"{v:.2f}" for v in at_mm)
-        raise SpecError(f"SURFACE cuts itself: {cuts} pairs of triangles cross, first near ({near}) mm; {repair}")
-    # before the sign, which of a flat mesh is that of rounding
-    if abs(mesh.volume_mm3) <= _LEAST_VOLUME * float(np.ptp(mesh.vertices_mm, axis=0).max()) ** 3:
-        raise SpecError("SURFACE encloses no volume: all of it is flat; give a closed mesh of a solid")
+        raise SpecError(
+            f"SURFACE cuts itself: {cuts} pairs of triangles cross or cover each other, first near ({near}) mm; "
+            "cut its faces into triangles and repair it in your CAD or mesh program, and export it again"
+        )
     if mesh.volume_mm3 < 0:
         return Mesh(vertices_mm=mesh.vertices_mm, faces=mesh.faces[:, ::-1])
     return mesh
@@ -214,8 +220,8 @@ def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[f
 def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
     """Number of pairs of triangles that cross each other, and where the first does (mm).
 
-    An edge of one that goes through the inside of the other counts; triangles that only touch or lie in each other's
-    plane do not.
+    An edge of one that goes through the inside of the other counts, and triangles about one vertex that cover each other in their
+    plane, facing opposite ways; others that only touch or lie in each other's plane do not.
 
     Raises SpecError if so many triangles lie within each other's reach that looking at all pairs would take minutes.
     """
@@ -228,6 +234,10 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
     found = looked_at = 0
     first = np.zeros(3)
     for near in _box_pairs(corners, tolerance):
+        folded = _folded(mesh.faces, corners, normals, near, tolerance)
+        if len(folded) and not found:
+            first = corners[folded[0]].mean(axis=0)
+        found += len(folded)
         # an edge that goes through a triangle's inside has its ends on both sides of that plane: most pairs end here
         pairs = near[:, _across(corners, normals, near, tolerance) | _across(corners, normals, near[::-1], tolerance)]
         # triangles with a common edge meet there and in no other point, unless they lie in one plane
@@ -249,6 +259,23 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
 
 
 _CROWDED = "in one place; give a mesh of one part, with triangles of even size"
+
+
+def _folded(faces: IntArray, corners: FloatArray, normals: FloatArray, pairs: IntArray, tolerance: float) -> IntArray:
+    """The first triangles of pairs that cover each other, as of a polygon that is not convex and was cut into a fan."""
+    import shapely
+
+    one, other = pairs[:, np.einsum("ij,ij->i", normals[pairs[0]], normals[pairs[1]]) < -_OPPOSITE]
+    level = np.abs(np.einsum("nkj,nj->nk", corners[other] - corners[one, :1], normals[one])).max(axis=1) < tolerance
+    common = (faces[one][:, :, None] == faces[other][:, None, :]).any(axis=(1, 2))
+    one, other = one[level & common], other[level & common]
+    along = unit_vectors(corners[one, 1] - corners[one, 0])
+    axes = np.stack([along, np.cross(normals[one], along)], axis=2)
+    flat = (shapely.polygons((corners[k] - corners[one, :1]) @ axes) for k in (one, other))
+    longest = np.ptp(corners[one], axis=1).max(axis=1, initial=0.0)
+    # slivers that rounding has turned over are narrower
+    over: IntArray = one[shapely.area(shapely.intersection(*flat)) > _SLIVER * tolerance * longest]
+    return over
 
 
 def _across(corners: FloatArray, normals: FloatArray, pairs: IntArray, tolerance: float) -> BoolArray:

@@ -87,7 +87,7 @@ BAD = [
     ("part.dxf", b"0", {}, r"is none of: stl, 3mf, obj, ply, step, stp"),
     ("open.stl", open_box(), {}, r"not watertight: 4 of its 17 edges are open; repair it"),
     ("turned.stl", turned_face(), {}, r"triangles that face opposite ways: 3 edges"),
-    ("crossing.stl", crossing_boxes(), {}, r"cuts itself: \d+ pairs of triangles cross, first near \("),
+    ("crossing.stl", crossing_boxes(), {}, r"cuts itself: \d+ pairs of triangles cross or cover each other, first near \("),
     ("nan.stl", not_finite(), {}, r"vertices whose coordinates are not finite numbers"),
     ("metres.stl", scaled(0.001), {}, r"is 0.03 x 0.03 x 0.005 mm, smaller than 1 mm; the file was read in mm; .* use --unit m"),
     (
@@ -250,6 +250,16 @@ def test_nested_shells_are_refused_before_all_their_pairs_are_looked_at() -> Non
     with pytest.raises(SpecError, match="pairs of triangles in one place"):
         self_intersections(mesh)
     assert time.process_time() - started < 5.0
+
+
+@pytest.mark.parametrize("first", range(8))
+def test_a_polygon_that_is_not_convex_is_no_fan(first: int) -> None:
+    u = np.roll([(0, 0), (120, 0), (120, 90), (90, 90), (90, 30), (30, 30), (30, 90), (0, 90)], -first, axis=0)
+    corners = "".join(f"v {x} {y} {z}\n" for z in (0, 10) for x, y in u)
+    sides = "".join(f"f {k + 1} {(k + 1) % 8 + 1} {(k + 1) % 8 + 9} {k + 9}\n" for k in range(8))
+    text = f"{corners}{sides}f 8 7 6 5 4 3 2 1\nf 9 10 11 12 13 14 15 16\n"
+    with pytest.raises(SpecError, match="cover each other"):
+        closed_mesh(read_surface_mesh(text.encode(), "obj"))
 
 
 def test_fine_level_faces_are_searched_from_above(monkeypatch: pytest.MonkeyPatch) -> None:
