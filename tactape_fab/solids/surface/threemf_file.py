@@ -24,6 +24,8 @@ _MOST_VERTICES = 3 * MOST_FACES
 _MOST_UNPACKED, _MOST_RATIO, _SPARE = 1 << 30, 40, 1 << 20
 """Bytes of a model, and how many times those of the file they may be: our own have 6 to 9 times, slicers' 4 to 12."""
 _UNITS_MM = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
+_SOLID = ("model", "solidsupport")
+"""Types of objects that are filled and stay (3MF Core Specification 1.3, section 4.1)."""
 _DEEPEST = 16
 _MOST_OBJECTS = 10_000
 
@@ -50,6 +52,7 @@ def read_3mf(data: bytes) -> tuple[FloatArray, IntArray]:
 class _Object:
     """An object of the model: its mesh, and the components that it puts together."""
 
+    kind: str = "model"
     points: array[float] = field(default_factory=lambda: array("d"))
     corners: array[int] = field(default_factory=lambda: array("q"))
     has_mesh: bool = False
@@ -91,7 +94,7 @@ class _Model:
             handler(values)
 
     def _object(self, values: dict[str, str]) -> None:
-        self._now = self.objects[values.get("id", "")] = _Object()
+        self._now = self.objects[values.get("id", "")] = _Object(kind=values.get("type", "model"))
 
     def _mesh(self, _: dict[str, str]) -> None:
         if self._now.has_mesh:
@@ -152,6 +155,8 @@ class _Model:
             matrix = numbers.reshape(4, 3)  # row vectors, section 3.3
             turn, move = matrix[:3] @ turn, matrix[3] @ turn + move
         if target.has_mesh:
+            if target.kind not in _SOLID:
+                raise SpecError(f"SURFACE places an object of type {target.kind[:40]!r}, which is no solid; export the part")
             points, triangles = self._arrays(target)
             vertices.append(points @ turn + move)
             # a mirror image turns every triangle over

@@ -165,6 +165,10 @@ def test_3mf_units_components_and_transforms() -> None:
     assert read.vertices_mm.min(axis=0) == pytest.approx((85.0, -10.0, 30.0))
     assert read.vertices_mm.max(axis=0) == pytest.approx((115.0, 10.0, 70.0))
     assert read.volume_mm3 == pytest.approx(24_000.0)
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("3D/3dmodel.model", xml.replace('<object id="1"', '<object id="1" type="support"'))
+    with pytest.raises(SpecError, match="object of type 'support', which is no solid"):
+        read_surface_mesh(stream.getvalue(), "3mf")
 
 
 def test_3mf_that_places_itself_is_refused() -> None:
