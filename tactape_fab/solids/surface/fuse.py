@@ -74,6 +74,10 @@ def fuse_mesh(host: Mesh, laid: LaidOut, progress: Progress = lambda *_: None, *
     # rounding to the grid can make a thin place touch itself, so the rounded mesh is what is judged
     if result.status() != m3.Error.NoError or len(result.decompose()) != bodies:
         raise TactapeError(f"the fused solid falls into {len(result.decompose())} bodies instead of {bodies}; {_REPORT}")
+    # simplifying and rounding move the surface by so much at most; where faces cover each other whole parts get lost
+    moved_mm = 4 * _MOST_MOVED * size + float(np.spacing(np.float32(np.abs(host.vertices_mm).max())))
+    if abs(mesh.volume_mm3 - expected) > moved_mm * float(result.surface_area()):
+        raise TactapeError(f"the simplified solid has {mesh.volume_mm3:.4f} mm3 instead of {expected:.4f} mm3; {_REPORT}")
     progress("fusing", count, count)
     return Fused(mesh=mesh, bodies=bodies, volume_mm3=mesh.volume_mm3, host_volume_mm3=float(base.volume()))
 

@@ -15,12 +15,12 @@ import pytest
 import trimesh
 
 from tactape_fab import Tape, TapeSpec, make_kit
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.cli.emboss import distortion_lines
 from tactape_fab.make.emboss import emboss_kit, worst_pitch_error
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.mesh.stl import mesh_problems, read_stl
-from tactape_fab.solids.mesh.triangles import stl_bytes
+from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes
 from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.fuse import fuse_mesh
 from tactape_fab.solids.surface.part_mesh import MeshChart
@@ -185,6 +185,17 @@ def test_wall_thinner_than_the_feet_is_refused(tape: Tape) -> None:
     host = mesh_of(box(30, 30, 0.04))
     with pytest.raises(SpecError, match=r"64 elements do not stand whole .* in 2 pieces.*thinner than the 0\.050 mm"):
         fuse_mesh(host, lay_out(tape, MeshChart(host, Placement())))
+
+
+def test_what_the_engine_loses_as_it_simplifies_is_seen(tape: Tape) -> None:
+    u = np.array([(0, 0), (120, 0), (120, 90), (90, 90), (90, 30), (30, 30), (30, 90), (0, 90)])
+    fan, k = np.array([(8, 8 + i, 9 + i) for i in range(1, 7)]), np.arange(8)
+    sides = np.vstack([np.c_[k, (k + 1) % 8, (k + 1) % 8 + 8], np.c_[k, (k + 1) % 8 + 8, k + 8]])
+    points = np.vstack([np.c_[u, np.zeros(8)], np.c_[u, np.full(8, 10.0)]])
+    host = Mesh(vertices_mm=points, faces=np.vstack([fan, fan[:, ::-1] - 8, sides]))  # covers the notch, there and back
+    laid = lay_out(tape, MeshChart(host, Placement(at_mm=(60.0, 15.0, 10.0))))
+    with pytest.raises(TactapeError, match=r"the simplified solid has 5\d{4}\.\d+ mm3 instead of 7200\d"):
+        fuse_mesh(host, laid)
 
 
 # The finished folder
