@@ -12,8 +12,8 @@ from tactape_fab.base.input_file import mode_of, sha256_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
-Overwrite = bool | Literal["edits"]
-"""Whether an older kit may be replaced: never, as it was written, or even with what the user edited in it since."""
+Overwrite = bool | Literal["edits", "same"]
+"""Whether an older kit may be replaced: never, as written, even with what the user edited in it since, or by itself only."""
 _NAMED = 5
 
 
@@ -22,7 +22,7 @@ def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
     with files that were edited unless `overwrite` is ``"edits"``.
     """
     given: object = overwrite
-    if not (isinstance(given, bool) or (isinstance(given, str) and given == "edits")):
+    if not (isinstance(given, bool) or (isinstance(given, str) and given in ("edits", "same"))):
         message = f"overwrite = {shown(given)} is neither True, False nor 'edits'; give one of them"
         raise SpecError(Problem("overwrite", message))
     if target.name.endswith(UNFINISHED_SUFFIX) or target.name in ("", "..") or target.name.startswith("."):

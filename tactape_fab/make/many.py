@@ -113,8 +113,8 @@ class Ordered:
     panel: Panel | None = None
 
     def settings(self, again: bool) -> dict[str, Any]:
-        """How it is made; in place of what a process left that died."""
-        return {**self.how, "overwrite": self.how["overwrite"] or again}
+        """How it is made; `again`: in place of the same, which a process left that died."""
+        return {**self.how, "overwrite": self.how["overwrite"] or ("same" if again else False)}
 
 
 Result = TypeVar("Result")
@@ -225,9 +225,9 @@ def _answered(make: Callable[[Ordered, bool], Result], folder: Path, since: floa
 
 
 def _stands(path: Path, since: float) -> bool:
-    """Whether a process of this run made it and died before it could say so; an older one was refused."""
+    """Whether it was made since: by a process of this run that died before it could say so, or by another run."""
     try:
-        # of this run: the file's time is later than the run's beginning. The path was free then, or refused
+        # an older one was refused
         return (path / MANIFEST_NAME).stat().st_mtime >= since
     except OSError:
         return False

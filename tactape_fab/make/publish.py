@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from tactape_fab.base.errors import TactapeError, reason_of
 from tactape_fab.base.output_file import sync_below, sync_folder
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
-from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
+from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX
 
 if TYPE_CHECKING:
     from tactape_fab.verify.signature import Signer
@@ -70,6 +70,8 @@ def put_in_place(folder: Path, target: Path, *, overwrite: Overwrite) -> None:
     if not (target.exists() or target.is_symlink()):
         folder.rename(target)
         return
+    if overwrite == "same" and (target / MANIFEST_NAME).read_bytes() != (folder / MANIFEST_NAME).read_bytes():
+        overwrite = False
     refuse_taken(target, overwrite=overwrite)  # again: it may have been created since
     if _exchange(folder, target):
         return

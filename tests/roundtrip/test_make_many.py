@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from tactape_fab import TapeSpec, make_kit, verify_kit
+from tactape_fab import TapeSpec, list_tapes, make_kit, make_kits, verify_kit
 from tactape_fab.cli import main
+from tactape_fab.make.many import FailedKit, MadeKit
 from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 from tests.roundtrip.test_interrupted import Files, contents
 from tests.thorough import thorough
@@ -232,3 +233,17 @@ def test_a_killed_process_costs_its_kit_a_second_try(tmp_path: Path) -> None:
     assert [path.name for path in made] == [f"tactape-s00{k}" for k in range(4)]
     for kit in made:
         assert verify_kit(kit, quick=True).passed, kit
+
+
+def test_a_kit_of_another_run_is_not_replaced(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that makes a kit of the same name meanwhile, of another W or of the same."""
+    specs = [TapeSpec(sector=sector, size_mm=(20.0, 20.0), models=False) for sector in (1, 2)]
+    listed = list_tapes({"models": False, "size_mm": (20, 20)}, {"sectors": "1-2"}, here / "lab")
+    for spec in (specs[0].but(pitch_mm=1.6), specs[1]):
+        make_kit(spec, here / "lab" / spec.name, verify=False)
+    before = contents(here / "lab")
+    monkeypatch.setattr("tactape_fab.make.many.time.time", lambda: 0.0)  # both kits are younger than this run
+    one, two = make_kits(listed.tapes, here / "lab", verify=False, workers=1)
+    assert isinstance(one, FailedKit) and "lab/tactape-s001 exists already" in str(one.error)
+    assert isinstance(two, MadeKit)
+    assert contents(here / "lab") == before
