@@ -91,10 +91,15 @@ class OrderedTape:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedPanel:
-    """Facts of a panel for the order notes."""
+    """Facts of a panel for the order notes.
+
+    mixed: Whether its tapes differ in W, Δ, coverlay or anchors.
+    loose: Whether pads of any tape have no anchors.
+    """
 
     words: str
     mixed: bool
+    loose: bool
     rail_mm: float
     gap_mm: float
     tab_mm: float
@@ -268,6 +273,7 @@ def panel_order_facts(
         panel=OrderedPanel(
             words=panel.words,
             mixed=len(set(made)) > 1,
+            loose=any(anchors == "none" for _, _, anchors in made),
             rail_mm=panel.rail_mm,
             gap_mm=panel.gap_mm,
             tab_mm=panel.tab_mm,

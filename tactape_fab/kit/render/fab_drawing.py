@@ -333,7 +333,7 @@ def _notes(facts: OrderFacts) -> list[str]:
         opened = f"The {mask} differs from tape to tape, on purpose. {merged}"
     alone = "Pads stand alone on purpose."
     if facts.anchors != "none":
-        some = "some" if facts.panel is not None and facts.panel.mixed else "the"
+        some = "some" if facts.panel is not None and facts.panel.loose else "the"
         alone = f"Copper runs on from {some} pads under the {mask} to hold them: it is no track."
     number = "only within the short dashes, better none" if facts.number_mm else "none on the tape"
     if facts.panel is not None:

@@ -285,6 +285,18 @@ def test_tapes_of_one_sector_that_differ_otherwise_are_different_designs(other: 
     assert f"Different Design {designs} " in flat(artifact.data.decode("utf-8"))
 
 
+@pytest.mark.parametrize(("anchors", "some"), [(("none", "mesh"), True), (("spur", "mesh"), False)])
+def test_pads_that_nothing_holds_on_one_tape_of_a_panel_are_asked_about(anchors: tuple[str, ...], some: bool) -> None:
+    tapes = [examined(sector=k, anchor=anchor, pitch_mm=1.8, displacement_mm=0.25) for k, anchor in enumerate(anchors)]
+    _, (packed,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
+    layouts = [tapes[i].layout for i in packed.tapes]
+    facts = panel_order_facts("panel", packed.panel, layouts, tapes[0].fab, tapes[0].findings, files_of(tapes[0]))
+    (artifact,) = render_order_notes(facts)
+    said = flat(artifact.data.decode("utf-8"))
+    assert f"Copper runs on from {'some' if some else 'the'} pads" in said
+    assert ("Isolated pads can peel off" in said) == some
+
+
 @pytest.mark.parametrize(("rotation_deg", "words"), [(45.0, "45 135 / \\"), (315.0, "315 45 \\ /"), (270.0, "270 0 | -")])
 def test_parts_of_turned_tapes_are_turned_as_the_list_has_them(rotation_deg: float, words: str) -> None:
     sizes_mm = ((200.0, 30.0), (30.0, 200.0))
