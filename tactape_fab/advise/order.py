@@ -89,13 +89,10 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
     left_open = "pitch_mm" not in given
     judgements = (judged(found, widen=left_open) for found in tried)
     legal = [_candidate(design, question, spec.code) for design in judgements if design is not None]
+    typed = [option for key, option in _TYPED.items() if key in given]
+    less = f"leave out {'some of ' * (len(typed) > 1)}{', '.join(typed)}" if typed else ""
     if not legal:
-        typed = [option for key, option in _TYPED.items() if key in given]
-        way = (
-            f"leave out {'some of ' * (len(typed) > 1)}{', '.join(typed)}"
-            if typed
-            else "ask the house, or give another part or house"
-        )
+        way = less or "ask the house, or give another part or house"
         raise SpecError(Problem("order", f"order = '{house}': no tape is legal{' with what is given' if typed else ''}; {way}"))
     best = _best(legal, asked_mm)
     decided = {
@@ -108,7 +105,7 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
     number = fab.order.number
     if number is not None and number.part == part.name and values.get("assembly", fab.assembly) == fab.assembly:
         decided |= {"part_number": values.get("part_number", number.number)}
-    remarks = tuple(_remarks(best, legal, fab, (asked_mm, asked_words), decided))
+    remarks = tuple(_remarks(best, legal, fab, (asked_mm, asked_words), decided, less))
     return Chosen(values={**values, **decided}, candidate=best, remarks=remarks)
 
 
@@ -189,7 +186,7 @@ def _best(legal: Sequence[Candidate], asked_mm: float) -> Candidate:
 
 
 def _remarks(
-    best: Candidate, legal: Sequence[Candidate], fab: FabProfile, asked: tuple[float, str], decided: Mapping[str, Any]
+    best: Candidate, legal: Sequence[Candidate], fab: FabProfile, asked: tuple[float, str], decided: Mapping[str, Any], less: str
 ) -> Iterator[str]:
     asked_mm, words = asked
     located = "no contact in view is located" if best.least_mm == inf else f"contacts from {best.least_mm:g} mm are located"
@@ -199,8 +196,8 @@ def _remarks(
     least = min(sound, key=lambda c: c.least_mm)
     if best.least_mm > asked_mm:
         yield (
-            f"warning: order: no tape that {fab.name} makes locates a contact of {asked_mm:g} mm by this prediction; "
-            "--contact takes a larger one, another house may do"
+            f"warning: order: no tape that {fab.name} makes{' with what is given' * bool(less)} locates a contact of "
+            f"{asked_mm:g} mm by this prediction; {less or '--contact takes a larger one, another house may do'}"
         )
     elif least.least_mm < best.least_mm and least.holds != best.holds:
         yield (

@@ -47,6 +47,11 @@ def test_a_smaller_contact_costs_the_hold_of_the_pads() -> None:
     assert any("no tape that jlcpcb-fpc makes locates a contact of 3 mm" in remark for remark in found[3].remarks)
 
 
+def test_what_is_given_is_named_where_it_is_why_a_contact_is_not_located() -> None:
+    said = " ".join(choose_order({"sector": 7, "pitch_mm": 3.0}, "jlcpcb").remarks)
+    assert "makes with what is given locates a contact of 9.95 mm by this prediction; leave out --w" in said
+
+
 @costly
 @pytest.mark.parametrize(
     "given",
