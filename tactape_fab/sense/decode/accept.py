@@ -275,7 +275,8 @@ def _described(
         assert isinstance(place, PlanePlace)
         return {**found, "sector": place.sector, "index": (column, row), "plane_mm": position_mm}
     tape = world.tapes[place.tape]
-    board = None if tape.surface is not None else texture_to_board(pose.position_mm, tape.board.texture_origin_mm)
+    on_board = tape.surface is None and place.tape not in world.boards_differ
+    board = texture_to_board(pose.position_mm, tape.board.texture_origin_mm) if on_board else None
     return {
         **found,
         "tape": tape.name,

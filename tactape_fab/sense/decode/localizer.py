@@ -351,7 +351,7 @@ class Localizer:
             # pixel centres 0 ... h - 1 are 0 ... aspect (h - 1) in square pixels: the centre is the same for both
             size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._square.aspect + 1)
             found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
-            found = replace(found, places="nominal") if found.located else found
+            found = self._of_design(found)
         else:
             found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w), seen_px=xy), prior)
         return _stamped(found, start, timestamp)
@@ -390,7 +390,14 @@ class Localizer:
                 cv2.resize(image, None, fx=1.0, fy=self._square.aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32
             )
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
-        return replace(found, places="nominal") if found.located else found
+        return self._of_design(found)
+
+    def _of_design(self, found: Localization) -> Localization:
+        """An answer of the paper's method as one of the registry."""
+        world = self._world
+        differ = [world.tapes[i] for i in world.boards_differ] if isinstance(world, Registry) else []
+        board_mm = None if any((t.name, t.sector) == (found.tape, found.sector) for t in differ) else found.board_mm
+        return replace(found, places="nominal", board_mm=board_mm) if found.located else found
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None, *, in_mm: bool = True) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)

@@ -92,7 +92,7 @@ class Localization:
     theta_deg : float or None
         Turn of the sensor on the tape, degrees, counter-clockwise seen from above, in (-180, 180].
     board_mm : (float, float) or None
-        S in the board frame, mm; None where the texture stands on no board.
+        S in the board frame, mm; None where the texture stands on no board, or equal tapes lie elsewhere on theirs.
     contact_mm : (float, float) or None
         Nominal centre of the agreeing dot nearest the contact's centre (texture frame): the paper's C.
     cell : (int, int) or None

@@ -23,12 +23,14 @@ class Registry:
     families: The same by code, and beside them those that nobody registered.
     unregistered_share: Prior weight of all unregistered tapes together; 0 in a closed world.
     built: What was measured of each tape; empty where nothing was of any.
+    boards_differ: Tapes whose equal ones lie elsewhere on their boards, so that no touch tells the place on the board.
     """
 
     tapes: tuple[Tape, ...]
     families: tuple[Family, ...]
     unregistered_share: float
     built: tuple[Built | None, ...] = ()
+    boards_differ: frozenset[int] = frozenset()
 
 
 def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
@@ -43,6 +45,7 @@ def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
         families=tuple(families(kept, open_world=unregistered_share > 0.0)),
         unregistered_share=unregistered_share,
         built=tuple(map(built_of, kept)) if any(tape.as_built is not None for tape in kept) else (),
+        boards_differ=_boards_differ(tapes),
     )
 
 
@@ -50,9 +53,21 @@ def distinct(tapes: Sequence[Tape]) -> list[Tape]:
     """Registered tapes, equal ones once: the union of their grids under the first one's name."""
     kept: dict[tuple[object, ...], Tape] = {}
     for tape in tapes:
-        key = (*tape.texture_key, tape.pitch_mm, tape.displacement_mm, tape.directions)
+        key = _texture_of(tape)
         kept[key] = _union(kept[key], tape) if key in kept else tape
     return list(kept.values())
+
+
+def _texture_of(tape: Tape) -> tuple[object, ...]:
+    return (*tape.texture_key, tape.pitch_mm, tape.displacement_mm, tape.directions)
+
+
+def _boards_differ(tapes: Sequence[Tape]) -> frozenset[int]:
+    """`Registry.boards_differ`; numbers are those in `distinct`."""
+    places: dict[tuple[object, ...], set[object]] = {}
+    for tape in tapes:
+        places.setdefault(_texture_of(tape), set()).add(tape.board.texture_origin_mm if tape.surface is None else None)
+    return frozenset(i for i, found in enumerate(places.values()) if len(found) > 1)
 
 
 def _refuse_one_place(tapes: Sequence[Tape]) -> None:

@@ -333,6 +333,16 @@ def test_equal_tapes_are_the_union_of_their_grids() -> None:
     assert found.locate_dots(dots((9.0, 40.0), texture_mm=texture_of(high))).tape == "wide"
 
 
+@pytest.mark.parametrize("method", ["ml", "paper"])
+def test_equal_tapes_that_lie_elsewhere_on_their_boards_have_no_board_frame(method: Any) -> None:
+    small = examine(TapeSpec(sector=7, size_mm=(60.0, 30.0), name="small")).layout.tape
+    alone, both = Localizer([TAPE], method=method), Localizer([small, TAPE], method=method)
+    assert alone.locate_dots(dots()).board_mm is not None
+    fix = both.locate_dots(dots())
+    assert fix.tape == "small" and fix.position_mm is not None and fix.board_mm is None
+    assert Localizer([TAPE, replace(TAPE, name="copy")], method=method).locate_dots(dots()).board_mm is not None
+
+
 def test_omitted_points_do_not_count_against_a_place() -> None:
     holed = examine(TapeSpec(sector=7, holes_mm=[(47.0, 26.0, 3.0)])).layout.tape
     assert 4 <= len(holed.omitted) <= 20
