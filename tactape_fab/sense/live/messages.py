@@ -55,7 +55,7 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
 
     The pose is that of the sensor's image on the tape: origin at the texture point under the middle of the (canonical) image, x
     to the image's right, y to its top, z out of the tape. Its yaw is theta. It is given in the board frame of the tape that was
-    found; where the texture is on no board, in the frame with the same axes and its origin at grid point (0, 0).
+    found; where `board_mm` is null, in the frame with the same axes and its origin at grid point (0, 0).
 
     Parameters
     ----------
