@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import cv2
@@ -297,6 +298,12 @@ def test_previews_that_can_be_opened() -> None:
 def test_a_drawing_that_runs_or_fetches_is_refused(change: Callable[[bytes], bytes]) -> None:
     found = pictured(change(SVG))
     assert not found.passed and found.message == "the SVG cannot be opened"
+
+
+def test_a_drawing_is_read_in_time_whatever_its_names() -> None:
+    start = process_time()
+    assert pictured(SVG.replace(b"><path", b">" + b"(" * 100_000 + b"<path")).passed  # text, which a browser shows
+    assert process_time() - start < 5.0
 
 
 def test_a_drawing_may_hold_every_shape_and_attribute_of_this_tool() -> None:
