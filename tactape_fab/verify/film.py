@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -74,8 +74,8 @@ class FilmManifest:
     legend: LegendRecord | None
     order: FabOrder | None
     limits_mm: Mapping[str, object]
-    paths: Mapping[str, str] = field(default_factory=dict)
-    names_known: bool = False
+    paths: Mapping[str, str]
+    names_known: bool
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:

@@ -10,6 +10,7 @@ import pytest
 from tactape_fab import AsBuilt, Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense.decode.search.hypotheses import distinct, register
+from tactape_fab.texture.board import Surface
 from tests.measured import measured
 from tests.tapes import tape_at
 
@@ -27,6 +28,20 @@ def test_tapes_of_one_texture_are_one_with_the_grid_points_of_both() -> None:
     for tape in (wide, tall):
         assert np.array_equal(both.symbols[: tape.rows, : tape.columns], tape.symbols)
     assert np.array_equal(distinct([tall, wide])[0].symbols, both.symbols)
+
+
+def test_tapes_of_one_texture_that_lie_elsewhere_on_their_boards_are_known() -> None:
+    tape, other = tape_at(7, (12, 6)), tape_at(8, (12, 6))
+    elsewhere = replace(tape, board=replace(tape.board, texture_origin_mm=(3.0, 4.0)))
+
+    def differ(*tapes: Tape) -> frozenset[int]:
+        return register(tapes, unregistered_share=0.0).boards_differ
+
+    assert differ(tape, replace(tape, name="copy"), other) == frozenset()
+    assert differ(other, tape, elsewhere) == differ(other, tape, elsewhere, tape) == {1}
+    part = Surface(source="part.stl", sha256="0" * 64, centre_mm=(0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0), radius_mm=None)
+    assert differ(tape, replace(tape, surface=part)) == {0}
+    assert differ(replace(tape, surface=part), replace(elsewhere, surface=part)) == frozenset()  # neither has a board
 
 
 def test_tapes_that_differ_in_anything_that_a_touch_shows_are_two() -> None:
