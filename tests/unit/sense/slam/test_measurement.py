@@ -136,6 +136,11 @@ def test_what_is_no_pose_is_refused(at: np.ndarray) -> None:
         measure_pose(real_fix(), at=at)
 
 
+def test_what_is_no_answer_is_refused() -> None:
+    with pytest.raises(SpecError, match=r"Localizer\.locate returns"):
+        measure_pose(None)  # type: ignore[arg-type]
+
+
 def test_nothing_is_measured_where_nothing_is_known() -> None:
     fix = real_fix()
     assert measure_pose(Localization(status="none", located=False)) is None
