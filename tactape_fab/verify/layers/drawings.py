@@ -22,6 +22,7 @@ from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm
+from tactape_fab.verify.layers.legend import inked_or_cut
 from tactape_fab.verify.layers.written_form import same_contours, segments
 
 _MOST_TEXT = 8 << 20
@@ -94,9 +95,7 @@ def _dxf_problems(
     outside = [not any(inside) for inside in zip(*(_inside(parts, *box) for box in fields), strict=True)] or [True]
     if any(outside):
         problems.append(f"{sum(outside)} parts lie in no FIELD of it")
-    # nothing is printed on fields, ink and holes, a hole as the square round it
-    squares = [(hole[0, :2] - hole[0, 2] / 2, hole[0, :2] + hole[0, 2] / 2) for hole in holes]
-    taken = [*fields, *map(_box, (*areas, *strokes)), *squares]
+    taken = [*fields, *inked_or_cut(legend, expected.holes)]
     for low, high in map(_box, drawn.pop("NUMBER", [])):
         over = any((low < top).all() and (high > bottom).all() for bottom, top in taken)
         if over or (low < 0.0).any() or (high > expected.size_mm).any():

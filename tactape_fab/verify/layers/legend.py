@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -86,6 +87,15 @@ def read_legend_record(table: Fields) -> LegendRecord | None:
         return LegendRecord(**{size: fab.number(f"legend_{size}", low=low, high=10.0) for size, low in sizes.items()})
     profile = known_fab(fab)
     return None if profile is None else LegendRecord(**{size: getattr(profile.legend, size) for size in sizes})
+
+
+def inked_or_cut(
+    legend: GerberContent | None, holes: Iterable[tuple[float, float, float]]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Low and high corners of the boxes round all that a legend prints, and round each hole (x, y, diameter): taken places."""
+    lines = () if legend is None else (*legend.areas_mm, *legend.strokes_mm)
+    circles = ((np.array([x, y]), diameter / 2) for x, y, diameter in holes)
+    return [*((line.min(axis=0), line.max(axis=0)) for line in lines), *((at - r, at + r) for at, r in circles)]
 
 
 def check_label(content: GerberContent, tape: Tape, sizes: LegendRecord | None, *, light: bool) -> Check:

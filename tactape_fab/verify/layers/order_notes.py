@@ -14,11 +14,11 @@ from tactape_fab.base.fields import shown
 from tactape_fab.kit.read.gerber_file import ReadbackError, read_gerber
 from tactape_fab.kit.render.order_notes import COPPER_OZ, LAMINATES, in_a_line
 from tactape_fab.solids.elements import reach_mm
-from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
 from tactape_fab.verify.layers.job_file import FabOrder
+from tactape_fab.verify.layers.legend import inked_or_cut
 
 UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
@@ -83,21 +83,16 @@ def check_order_notes(
         centres, reach = tape.part_xy_mm(), np.array(reach_mm(tape.part))
         # widened by how far a body reaches, turned as it is: a part whose middle is in there reaches into the area's box
         near = (centres > np.array([x0, y0]) - reach).all(axis=1) & (centres < np.array([x1, y1]) + reach).all(axis=1)
-        over = near.any() or any((low < (x1, y1)).all() and (high > (x0, y0)).all() for low, high in _inked_or_cut(files, tape))
+        legend = None
+        with suppress(KeyError, ReadbackError):  # there is none, or its own line says so
+            legend = read_gerber(files["legend-top"].data)
+        taken = inked_or_cut(legend, tape.board.holes)
+        over = near.any() or any((low < (x1, y1)).all() and (high > (x0, y0)).all() for low, high in taken)
         if over or of.on_panel or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
             where = f"x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm"
             problems.append(f"they let the fab print at {where}, on parts, ink or holes, or off the board")
     right = "tape, size, parts, files and rows of the forms as the kit has them; not compared: what else they say"
     return Check(name="order-notes", passed=not problems, message="; ".join(problems[:_MOST_SAID]) or right)
-
-
-def _inked_or_cut(files: Mapping[str, WrittenFile], tape: Tape) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Low and high corners of the boxes round everything that the legend prints, and round each hole."""
-    if "legend-top" in files:
-        with suppress(ReadbackError):  # said by the legend's own line
-            legend = read_gerber(files["legend-top"].data)
-            yield from ((line.min(axis=0), line.max(axis=0)) for line in (*legend.areas_mm, *legend.strokes_mm))
-    yield from ((np.array([x, y]) - d / 2, np.array([x, y]) + d / 2) for x, y, d in tape.board.holes)
 
 
 def _row_problems(
