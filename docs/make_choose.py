@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import platform
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactape_fab import Localizer, TapeSpec, __version__
+from tactape_fab import Localizer, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Scene, simulate_frames
 from tactape_fab.texture.tape import Tape
+from tests.bench.evidence.record import about
+from tests.bench.marks import all_replaced, measured_line, stamp
 
 PAGE = Path(__file__).parent / "choose.md"
 FIGURES = Path(__file__).parent / "choose.json"
@@ -71,10 +71,7 @@ def measure() -> dict[str, Any]:
             count, error_um = located(tape, SENSORS[0], Scene(contact_mm=(10.0, 10.0), placement_mm=placement_mm))
             cells.append({"placement_mm": placement_mm, "located": count, "error_um": round(error_um, 2) if count else None})
         displacements.append({"displacement_mm": displacement_mm, "cells": cells})
-    libraries = {name: version(name) for name in ("numpy", "numba", "opencv-python-headless")}
-    about = {"tactape_fab": __version__, "python": platform.python_version(), "machine": platform.machine(), **libraries}
-    about |= {"seed": SEED, "frames": FRAMES}
-    return {"about": about, "pitch": pitches, "displacement": displacements}
+    return {"about": {**about(), **stamp(), "seed": SEED, "frames": FRAMES}, "pitch": pitches, "displacement": displacements}
 
 
 def pitch_table(rows: list[dict[str, Any]]) -> str:
@@ -107,11 +104,8 @@ TABLES = {"pitch": pitch_table, "displacement": displacement_table}
 
 def made_anew(text: str, content: dict[str, Any]) -> str:
     """The page's text with its tables as the figures have them."""
-    for name, table in TABLES.items():
-        start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-        head, _, rest = text.partition(start)
-        text = f"{head}{start}{table(content[name])}{end}{rest.partition(end)[2]}"
-    return text
+    line = measured_line([content["about"]])
+    return all_replaced(text, {name: table(content[name]) + line for name, table in TABLES.items()})
 
 
 if __name__ == "__main__":

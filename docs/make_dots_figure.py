@@ -20,6 +20,7 @@ from tactape_fab.sense.decode.search.single_place import places_near, shown_by
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.patches import Circle
 
 FIGURE = Path(__file__).parent / "figures" / "dots.png"
 SCENE = Scene(missing=0.06, bumps=3, contact_mm=(13.0, 9.0))
@@ -52,7 +53,8 @@ def main() -> None:
     depth = simulate(tape, POSITION_MM, THETA_DEG, scene=SCENE, seed=SEED)
     fix = localizer.locate(depth)
     assert fix.located and fix.dots is not None and fix.position_mm is not None
-    view, scale = localizer._view, localizer._detection_px_per_mm
+    assert fix.theta_deg is not None and fix.px_per_mm is not None
+    view, scale, centre_mm = localizer._view, localizer._square.detection_px_per_mm, np.array(fix.position_mm)
     image = canonical_frame(depth, localizer.sensor)
     found = detect(image, scale)
     dots = settled(found, view.pitch_px, view.shift)
@@ -77,7 +79,7 @@ def main() -> None:
         for line in lines:
             ends = np.array([[-200.0, -200.0], [200.0, 200.0]])
             ends[:, axis] = line * tape.pitch_mm
-            u, v = (view.centre_px + (ends - fix.position_mm) @ back).T
+            u, v = (view.centre_px + (ends - centre_mm) @ back).T
             third.plot(u, v, color=LINES, lw=0.6, zorder=1)
     third.set_xlim(-0.5, image.shape[1] - 0.5)
     third.set_ylim(image.shape[0] - 0.5, -0.5)
@@ -103,7 +105,7 @@ def main() -> None:
         loc="left",
     )
     shown = fourth.imshow(values, cmap="cividis", interpolation="nearest", vmin=np.nanpercentile(values, 1))
-    fourth.add_patch(plt.Circle((column, row), 1.6, fc="none", ec=ORANGE, lw=1.6))
+    fourth.add_patch(Circle((column, row), 1.6, fc="none", ec=ORANGE, lw=1.6))
     fourth.set_xlabel("column of the dots' corner", fontsize=9)
     fourth.set_ylabel("row", fontsize=9)
     figure.colorbar(shown, ax=fourth, shrink=0.7)

@@ -13,6 +13,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.film.anchors import anchor_modes
 from tactape_fab.kit.film.coverlay import coverlay_modes, first_legal
 from tactape_fab.kit.profiles import load_fab, load_part
+from tests.bench.marks import all_replaced
 
 PAGE = Path(__file__).parent / "fabs.md"
 FIGURES = Path(__file__).parent / "figures"
@@ -78,10 +79,7 @@ def pictures() -> None:
 
 def main() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    for name, table in TABLES.items():
-        head, rest = text.split(f"<!-- {name} -->\n")
-        text = f"{head}<!-- {name} -->\n{table()}<!-- /{name} -->\n{rest.split(f'<!-- /{name} -->' + chr(10))[1]}"
-    PAGE.write_text(text, encoding="utf-8")
+    PAGE.write_text(all_replaced(text, {name: table() for name, table in TABLES.items()}), encoding="utf-8")
     pictures()
 
 

@@ -28,12 +28,8 @@ def drawn(axes: Any, shapes: list[Shapes], parts_mm: FloatArray) -> None:
 
     for shape in shapes:
         outlines = [outline + at for outline, xy in shape.stamps for at in (parts_mm if xy is None else xy)]
-        look = {
-            "facecolors": shape.fill or "none",
-            "edgecolors": shape.stroke or "none",
-            "linewidths": 0.6 if shape.stroke else 0,
-        }
-        axes.add_collection(PolyCollection([*outlines, *shape.polygons], **look))
+        fill, edge, width = shape.fill or "none", shape.stroke or "none", 0.6 if shape.stroke else 0.0
+        axes.add_collection(PolyCollection([*outlines, *shape.polygons], facecolors=fill, edgecolors=edge, linewidths=width))
         if shape.lines:
             axes.add_collection(LineCollection(shape.lines, colors=shape.stroke, linewidths=0.9))
 
@@ -110,13 +106,13 @@ def tape() -> None:
     near.set_title(title, fontsize=10)
     sensor, contact_mm = load_sensor(SENSOR), Scene().contact_mm
     seen = np.array([sensor.width_px, sensor.height_px]) / sensor.px_per_mm
-    at = np.array((20.0, 21.0))
+    x, y = 20.0, 21.0
     corners = "round,pad=0,rounding_size=1"
-    whole.add_patch(FancyBboxPatch(at, *seen, boxstyle=corners, fc=(1, 1, 1, 0.35), ec="#0072b2", lw=2.2))
-    whole.add_patch(Ellipse(at + seen / 2, *contact_mm, fc=(1, 1, 1, 0.25), ec="#0072b2", lw=1.8, ls="--"))
-    label = {"ha": "center", "fontsize": 10, "bbox": {"boxstyle": "round,pad=0.25", "fc": "white", "ec": "none"}}
-    whole.text(at[0] + seen[0] / 2, at[1] - 3.2, "dashed: a contact, {:g} x {:g} mm".format(*contact_mm), **label)
-    whole.text(at[0] + seen[0] / 2, at[1] + seen[1] + 1.6, "what a GelSight Mini sees, {:g} x {:g} mm".format(*seen), **label)
+    whole.add_patch(FancyBboxPatch((x, y), seen[0], seen[1], boxstyle=corners, fc=(1, 1, 1, 0.35), ec="#0072b2", lw=2.2))
+    whole.add_patch(Ellipse((x + seen[0] / 2, y + seen[1] / 2), *contact_mm, fc=(1, 1, 1, 0.25), ec="#0072b2", lw=1.8, ls="--"))
+    label: dict[str, Any] = {"ha": "center", "fontsize": 10, "bbox": {"boxstyle": "round,pad=0.25", "fc": "white", "ec": "none"}}
+    whole.text(x + seen[0] / 2, y - 3.2, "dashed: a contact, {:g} x {:g} mm".format(*contact_mm), **label)
+    whole.text(x + seen[0] / 2, y + seen[1] + 1.6, "what a GelSight Mini sees, {:g} x {:g} mm".format(*seen), **label)
     figure.savefig(FIGURES / "tape.png", dpi=150, metadata={"Software": None})
 
 

@@ -15,6 +15,7 @@ from tactape_fab.texture.frames import texture_to_board
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.patches import Polygon, Rectangle
 
 FIGURE = Path(__file__).parent / "figures" / "frames.png"
 POSITION_MM, THETA_DEG, PX_PER_MM = (20.0, 12.0), 30.0, 16.0
@@ -39,9 +40,9 @@ def on_board(tape: Tape, uv_px: Any) -> Any:
 
 def draw_board(axes: Any, tape: Tape) -> None:
     width, height = tape.board.size_mm
-    axes.add_patch(plt.Rectangle((0, 0), width, height, fc="#fbf6ea", ec=INK, lw=1.2))
+    axes.add_patch(Rectangle((0, 0), width, height, fc="#fbf6ea", ec=INK, lw=1.2))
     axes.scatter(*tape.part_xy_mm().T, s=5, c=FAINT, marker="s", linewidths=0)
-    axes.add_patch(plt.Rectangle((0, 0), 6, height, fc="none", ec=FAINT, ls=":", lw=1))
+    axes.add_patch(Rectangle((0, 0), 6, height, fc="none", ec=FAINT, ls=":", lw=1))
     axes.text(3, height / 2, "tag strip", rotation=90, color=FAINT, ha="center", va="center", fontsize=9)
     arrow(axes, (0, 0), (9, 0), ORANGE, "x", (10, 0))
     arrow(axes, (0, 0), (0, 9), ORANGE, "y", (0, 11))
@@ -51,7 +52,7 @@ def draw_board(axes: Any, tape: Tape) -> None:
     arrow(axes, (x0, y0), (x0, y0 - 9), BLUE, "y, rows", (0, -11))
     axes.text(x0 - 1, height + 0.9, "texture frame: grid point (0, 0), y down", color=BLUE, fontsize=9)
     corners = on_board(tape, [(0, 0), (WIDTH_PX, 0), (WIDTH_PX, HEIGHT_PX), (0, HEIGHT_PX)])
-    axes.add_patch(plt.Polygon(corners, fc="none", ec=GREEN, lw=1.6))
+    axes.add_patch(Polygon(corners, fc="none", ec=GREEN, lw=1.6))
     origin, along, down = on_board(tape, [(0, 0), (110, 0), (0, 110)])
     arrow(axes, origin, along, GREEN, "u", (6, 8))
     arrow(axes, origin, down, GREEN, "v", (8, -8))

@@ -14,6 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from tests.bench.marks import write_between  # noqa: E402
 from tests.installs import (  # noqa: E402
     COMPANIONS,
     MACHINES,
@@ -35,7 +36,7 @@ PAGE = ROOT / "docs" / "install.md"
 def sizes(scratch: Path) -> list[str]:
     """A row for each installation: size, and time that pip took."""
     wheel = built_wheel(ROOT, scratch / "dist")
-    kinds = {
+    kinds: dict[str, list[list[str | Path]]] = {
         "robot's half": [list(ROBOT), ["--no-deps", wheel]],
         "default": [[wheel]],
         "with `[cad]`": [[f"{wheel}[cad]"]],
@@ -81,15 +82,12 @@ def beside_rows(_: Path) -> list[str]:
 
 
 def main() -> None:
-    text = PAGE.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as scratch:
         tables = {"sizes": sizes, "cells": cells, "beside": beside_rows}
         for name, make in ((name, tables[name]) for name in sys.argv[1:] or tables):
             rows = "\n".join(make(Path(scratch)))
             print(rows, flush=True)
-            pattern = rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)"
-            text = re.sub(pattern, lambda found, rows=rows: f"{found[1]}{rows}\n{found[2]}", text, flags=re.DOTALL)
-    PAGE.write_text(text, encoding="utf-8")
+            write_between(PAGE, name, f"{rows}\n")
 
 
 if __name__ == "__main__":

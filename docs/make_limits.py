@@ -18,6 +18,7 @@ from tactape_fab import TapeSpec, make_kit
 from tactape_fab.verify import verify_kit
 from tactape_fab.verify.budgets import BUDGETS, OTHERS, most_bytes
 from tests.attacks import ATTACKS, Attack, Cost, cost_of
+from tests.bench import marks
 from tests.roundtrip.kits import Edit, OpenKit, replaced, text_of
 from tests.roundtrip.test_verify_kicad import CHANGES as BOARD_CHANGES
 from tests.roundtrip.test_verify_kicad import RULES
@@ -91,10 +92,8 @@ def mutant_rows() -> list[str]:
 
 def with_table(page: str, name: str, rows: list[str]) -> str:
     """The page with other rows below the heading of a table."""
-    begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->\n"
-    before, _, rest = page.partition(begin)
-    head = rest.splitlines()[:2]
-    return before + begin + "\n".join([*head, *rows]) + "\n" + end + rest.partition(end)[2]
+    head = page.partition(f"<!-- {name} -->\n")[2].splitlines()[:2]
+    return marks.replaced(page, name, "\n".join([*head, *rows]) + "\n")
 
 
 def main() -> None:

@@ -31,10 +31,12 @@ def overlay() -> None:
 
 def coverage() -> None:
     """The map of the main job for contacts that are hardly large enough."""
+    picture = FIGURES / "verify-map.png"
+    picture.unlink(missing_ok=True)  # `map_kit` replaces what says that this tool wrote it, which a smaller copy does not
     with tempfile.TemporaryDirectory() as name:
         kit = make_kit(TapeSpec(sector=7, models=False), Path(name) / "tactape-s007")
         contact = read_contact(size=(7.5, 6.0))
-        map_kit(kit.path, FIGURES / "verify-map.png", contact, verify_kit(kit.path, contact=contact).trips, overwrite=True)
+        map_kit(kit.path, picture, contact, verify_kit(kit.path, contact=contact).trips)
 
 
 if __name__ == "__main__":

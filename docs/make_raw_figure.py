@@ -27,6 +27,7 @@ def figure(folder: Path) -> np.ndarray:
     """Image, depth and answer side by side."""
     tape = examine(TapeSpec(sector=7)).layout.tape
     background = cv2.imread(str(folder / "background.png"))
+    assert background is not None, "no picture"
     weights = folder / "nnmodel.pth"
     truth = simulate(tape, (40.0, 22.0), 25.0, scene=Scene(noise=0.0), seed=4)
     image = image_of(truth, background, plain_layers(read_tensors(weights)), PX_PER_MM, noise_grey=1.5)

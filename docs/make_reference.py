@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import log2
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ import click
 
 from tactape_fab.cli import COMMANDS, command
 from tactape_fab.texture.code import CODE_NAMES, get_plane
-from tactape_fab.texture.plane import PlaneCode
+from tactape_fab.texture.plane import Plane
+from tests.bench.marks import all_replaced
 
 DOCS = Path(__file__).parent
 RANGES = (("from", "minimum"), ("above", "exclusiveMinimum"), ("to", "maximum"))
@@ -115,12 +116,12 @@ def code_table() -> str:
     return "\n".join(rows) + "\n"
 
 
-def share_that_reads(code: PlaneCode) -> float:
+def share_that_reads(code: Plane) -> float:
     """Share of all patterns of one window that are a window of the code: as many as there are places, each another pattern."""
     return code.range**2 * code.sectors / 2.0 ** (2 * code.window**2)
 
 
-TABLES = {
+TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "manifest.md": {"kit": lambda: manifest_table("tape"), "panel": lambda: manifest_table("panel")},
     "codes.md": {"codes": code_table},
 }
@@ -128,11 +129,7 @@ TABLES = {
 
 def fresh(page: str, text: str) -> str:
     """A page with its tables made anew, between `<!-- name -->` and `<!-- /name -->`."""
-    for name, table in TABLES[page].items():
-        start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-        head, _, rest = text.partition(start)
-        text = f"{head}{start}{table()}{end}{rest.partition(end)[2]}"
-    return text
+    return all_replaced(text, {name: table() for name, table in TABLES[page].items()})
 
 
 if __name__ == "__main__":

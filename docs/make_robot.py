@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import platform
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tactape_fab import __version__
 from tests.bench import camera, tracking
+from tests.bench.evidence.record import about
+from tests.bench.marks import all_replaced, measured_line, stamp
 
 PAGE = Path(__file__).parent / "robot.md"
 FIGURES = Path(__file__).parent / "robot.json"
@@ -119,23 +118,21 @@ TABLES = {
 
 def made_anew(text: str, content: dict[str, Any]) -> str:
     """The page's text with its tables as the figures have them."""
-    for name, (part, table) in TABLES.items():
-        if part not in content:
-            continue
-        start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-        head, _, rest = text.partition(start)
-        text = f"{head}{start}{table(content[part])}{end}{rest.partition(end)[2]}"
-    return text
+    tables = {
+        name: table(content[part]) + measured_line([content["measured"][part]])
+        for name, (part, table) in TABLES.items()
+        if part in content
+    }
+    return all_replaced(text, tables)
 
 
 def main(parts: list[str]) -> None:
-    libraries = {name: version(name) for name in ("numpy", "numba", "opencv-python-headless")}
-    about = {"tactape_fab": __version__, "python": platform.python_version(), "machine": platform.machine(), **libraries}
     for name in parts or MEASURES:
         found = MEASURES[name]()
         content: dict[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
         content[name] = found
-        ordered = {"about": about, **{key: content[key] for key in MEASURES if key in content}}
+        measured = {**content.get("measured", {}), name: {**about(), **stamp()}}
+        ordered = {"measured": measured, **{key: content[key] for key in MEASURES if key in content}}
         FIGURES.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
         PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
 

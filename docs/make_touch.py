@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tests.bench.marks import all_replaced, measured_line
+
 PAGE = Path(__file__).parent / "touch-code.md"
 FIGURES = Path(__file__).parent / "touch.json"
 ADVISE = Path(__file__).parent / "advise.json"
@@ -121,11 +123,9 @@ TABLES: dict[str, Callable[[Content], str]] = {
 
 def made_anew(text: str, content: Content) -> str:
     """The page's text with its tables as the figures have them."""
-    for name, table in TABLES.items():
-        start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-        head, _, rest = text.partition(start)
-        text = f"{head}{start}{table(content)}{end}{rest.partition(end)[2]}"
-    return text
+    stamps = {section: list(keys.values()) for section, keys in content["measured"].items()}
+    stamps |= {"told": stamps["rows"], "eight": [json.loads(ADVISE.read_text(encoding="utf-8"))["about"]]}
+    return all_replaced(text, {name: table(content) + measured_line(stamps[name]) for name, table in TABLES.items()})
 
 
 if __name__ == "__main__":

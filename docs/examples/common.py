@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab import Tape, TapeSpec, examine
+from tests.bench.marks import all_replaced, measured_line, stamp
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -44,18 +45,13 @@ def way(name: str, success: list[bool], errors: list[float]) -> dict[str, Any]:
 
 def made_anew(text: str, content: dict[str, Any]) -> str:
     """The page's text with its tables as the figures have them."""
-    for name, entry in content.items():
-        start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-        head, found, rest = text.partition(start)
-        if found:
-            text = f"{head}{start}{table(entry)}{end}{rest.partition(end)[2]}"
-    return text
+    return all_replaced(text, {name: table(entry) + measured_line([entry["measured"]]) for name, entry in content.items()})
 
 
 def keep(name: str, unit: str, ways: list[dict[str, Any]], seed: int) -> None:
     """Write an example's figures beside those of the others, and the page's table."""
     content = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
-    content[name] = {"unit": unit, "seed": seed, "ways": ways}
+    content[name] = {"measured": stamp(), "unit": unit, "seed": seed, "ways": ways}
     FIGURES.write_text(json.dumps(dict(sorted(content.items())), indent=1) + "\n", encoding="utf-8")
     if PAGE.exists():
         PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")

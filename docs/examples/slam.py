@@ -16,6 +16,7 @@ from common import BARE, DOCS, TAPE, axes, save, tape_of
 
 from tactape_fab import Localizer
 from tactape_fab.sense import measure_pose, simulate
+from tests.bench.marks import replaced
 
 SEED = 5
 TURNS, STEP_DEG, EVERY = 3, 5.0, 6
@@ -130,9 +131,7 @@ def main() -> None:
     left.text(np.mean(BARE_DEG), 0.4 * left.get_ylim()[1], "bare part:\nno fixes", ha="center", color="0.4", fontsize=8)
     save(figure, "slam")
     page = DOCS / "slam.md"
-    text = page.read_text(encoding="utf-8")
-    head, mark, rest = text.partition("<!-- drift -->\n")
-    page.write_text(f"{head}{mark}{table(found)}<!-- /drift -->{rest.partition('<!-- /drift -->')[2]}", encoding="utf-8")
+    page.write_text(replaced(page.read_text(encoding="utf-8"), "drift", table(found)), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ python -m tests.bench.advise --fit      measures other designs over many contact
 from __future__ import annotations
 
 import json
-import platform
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
@@ -17,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab import __version__
 from tactape_fab.advise.answer import LOCATED, Line, Simulated, seen_of, simulated
 from tactape_fab.advise.designs import Design, judged
 from tactape_fab.advise.model import CODES, LOSS, Loss, Seen, accuracy, least_contact_mm, signal_of
 from tactape_fab.advise.question import Question, read_question
 from tactape_fab.kit.examine.tape import profiles_of
 from tactape_fab.sense import SensorProfile
-from tests.bench.marks import replaced
+from tests.bench.evidence.record import about
+from tests.bench.marks import all_replaced, measured_line, stamp
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES, PAGE = DOCS / "advise.json", DOCS / "choose.md"
@@ -268,17 +267,15 @@ TABLES = {"promises": promise_table, "variants": variant_table}
 
 def made_anew(text: str, content: Mapping[str, Any]) -> str:
     """The page's text with its tables as the figures have them."""
-    for name, table in TABLES.items():
-        text = replaced(text, name, table(content[name]))
-    return text
+    line = measured_line([content["about"]])
+    return all_replaced(text, {name: table(content[name]) + line for name, table in TABLES.items()})
 
 
 def main() -> None:
     if "--fit" in sys.argv:
         fit()
         return
-    about = {"tactape_fab": __version__, "python": platform.python_version(), "machine": platform.machine(), "seed": SEED}
-    content = {"about": about, "promises": promises(), "variants": variants()}
+    content = {"about": {**about(), **stamp(), "seed": SEED}, "promises": promises(), "variants": variants()}
     FIGURES.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
     good = sum(kept(row) for row in content["promises"])

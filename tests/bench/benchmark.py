@@ -32,7 +32,7 @@ from tactape_fab.sense.benchmark.score import HEADER, calibration_lines, line, r
 from tactape_fab.sense.benchmark.write import FRAMES, INDEX, USUAL_FRAMES, truth_path, write_benchmark
 from tests.bench.evidence.record import about
 from tests.bench.evidence.table_two import SETTINGS, Baseline, Found, create_brisk
-from tests.bench.marks import command, replaced
+from tests.bench.marks import all_replaced, command, measured_line, stamp
 
 
 def brisk(benchmark: Benchmark) -> tuple[Locate, Say]:
@@ -125,9 +125,9 @@ def main() -> None:
         write_benchmark(given.folder, frames=given.frames)
     found = {"tables": tables(given.folder, adapters()), "sums": sums(given.folder), "small": small_sum()}
     if given.page is not None:
-        text = given.page.read_text(encoding="utf-8")
-        for mark, table in found.items():
-            text = replaced(text, mark, table)
+        text = all_replaced(
+            given.page.read_text(encoding="utf-8"), found | {"tables": found["tables"] + measured_line([stamp()])}
+        )
         given.page.write_text(text, encoding="utf-8")
 
 

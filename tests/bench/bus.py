@@ -19,7 +19,7 @@ import numpy as np
 
 from tactape_fab.sense.live.topics import DEPTH_TOPIC, POSE_TOPIC
 from tactape_fab.sense.live.zenoh_bus import ZenohBus, key_of
-from tests.bench.marks import replaced
+from tests.bench.marks import write_between
 from tests.readers.test_bus import free_endpoint, listening, located
 
 PAGE = Path(__file__).parents[2] / "docs" / "bus.md"
@@ -106,4 +106,4 @@ def table(runs: Sequence[Mapping[str, Sequence[float]]]) -> str:
 if __name__ == "__main__":
     text = table([measured(COUNT) for _ in range(RUNS)])
     sys.stdout.write(text)
-    PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), "latency", text), encoding="utf-8")
+    write_between(PAGE, "latency", text)

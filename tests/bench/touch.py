@@ -37,6 +37,7 @@ from tests.bench.impostors import Surface, other_surface
 from tests.bench.localization_false import IMPOSTORS, MIRRORED, PART, SCENES, Job, _poses
 from tests.bench.localization_measure import WORLDS, is_right
 from tests.bench.localization_rows import SECTOR, SEED, registered_tape, tape_of
+from tests.bench.marks import stamp
 from tests.bench.recorded import draw_dots
 
 FIGURES = Path(__file__).parents[2] / "docs" / "touch.json"
@@ -210,6 +211,7 @@ def speeds(path: Path | None) -> dict[str, Any]:
 
 def _keep(content: dict[str, Any], section: str, key: str, value: Mapping[str, Any]) -> None:
     content.setdefault(section, {})[key] = dict(value)
+    content.setdefault("measured", {}).setdefault(section, {})[key] = stamp()
     FIGURES.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     print(section, key, json.dumps(value), file=sys.stderr, flush=True)
 

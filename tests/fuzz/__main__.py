@@ -32,6 +32,7 @@ else:
     atheris = None
     from tests.fuzz.entries import Entry, all_entries
 
+from tests.bench.marks import write_between
 from tests.fuzz.cases import Fault, install_watch, limit_memory, run_case
 from tests.fuzz.mutate import MOST_BYTES, mutated
 from tests.fuzz.seeds import make_seeds
@@ -80,8 +81,7 @@ def main() -> None:
     table = _table([done[name] for name in entries], asked.seconds)
     print(f"\n{table}")
     if asked.page is not None:
-        before, begin, rest = asked.page.read_text(encoding="utf-8").partition("<!-- fuzz -->\n")
-        asked.page.write_text(before + begin + table + rest[rest.index("<!-- /fuzz -->") :], encoding="utf-8")
+        write_between(asked.page, "fuzz", table)
     sys.exit(any(attack.faults for attack in done.values()))
 
 

@@ -14,7 +14,7 @@ from tests.bench.evidence import counts, curves, force, table_two
 from tests.bench.evidence.job import Result
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
 from tests.bench.evidence.record import results_of
-from tests.bench.marks import write_between
+from tests.bench.marks import replaced
 
 ROOT = FIGURES_JSON.parents[1]
 README, VERIFY = ROOT / "README.md", ROOT / "docs" / "verify.md"
@@ -120,7 +120,8 @@ def anchor(heading: str) -> str:
 
 def write(content: Mapping[str, Any]) -> Path:
     """Write the table into the README."""
-    write_between(README, MARK, table(content, VERIFY.read_text(encoding="utf-8")))
+    found = table(content, VERIFY.read_text(encoding="utf-8"))
+    README.write_text(replaced(README.read_text(encoding="utf-8"), MARK, found), encoding="utf-8")
     return README
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import platform
 import sys
@@ -17,18 +16,16 @@ import tactape_fab
 from tactape_fab.sense import load_sensor
 from tests.bench.evidence.job import Job, Result
 from tests.bench.localization_rows import SEED
+from tests.bench.marks import digest
 
 LIBRARIES = ("numpy", "numba", "scipy")
 
 
 def about() -> dict[str, Any]:
     """What all figures of a file have in common."""
-    package, digest = Path(tactape_fab.__file__).parent, hashlib.sha256()
-    for path in sorted([*package.rglob("*.py"), *Path(__file__).parent.rglob("*.py")]):
-        digest.update(path.name.encode() + path.read_bytes())
     return {
         "tactape_fab": tactape_fab.__version__,
-        "sources": digest.hexdigest()[:16],
+        "sources": digest(),
         "seed": SEED,
         "noise": load_sensor("gelsight-mini").slope_noise,
         "python": platform.python_version(),
