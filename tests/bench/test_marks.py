@@ -14,7 +14,6 @@ from tests.bench.marks import measured_line
 DOCS = Path(__file__).parents[2] / "docs"
 MADE_ANEW = {
     "benchmark.md": {"sums", "small"},
-    "calibrate.md": {"presses"},
     "certify.md": {"numbers"},
     "codes.md": {"codes"},
     "fabs.md": {"profiles", "pitches"},
