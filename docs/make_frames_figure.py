@@ -32,7 +32,7 @@ def arrow(axes: Any, start: Any, end: Any, colour: str, text: str, offset: tuple
 
 
 def on_board(tape: Tape, uv_px: Any) -> Any:
-    """Where image points lie on the board: SPEC's T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0)."""
+    """Where image points lie on the board: T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0)."""
     cos, sin = np.cos(np.radians(THETA_DEG)), np.sin(np.radians(THETA_DEG))
     offset = (np.asarray(uv_px, dtype=float) - ((WIDTH_PX - 1) / 2, (HEIGHT_PX - 1) / 2)) / PX_PER_MM
     return texture_to_board(POSITION_MM + offset @ np.array([[cos, sin], [-sin, cos]]).T, tape.board.texture_origin_mm)

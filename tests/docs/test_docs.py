@@ -43,6 +43,16 @@ def test_distances_at_the_default_origins_are_those_of_the_page() -> None:
     assert script_of("make_certify_numbers").default_row() in (ROOT / "docs" / "certify.md").read_text(encoding="utf-8")
 
 
+def test_the_picture_of_dots_is_made_by_its_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It looks into a `Localizer`, whose inner names may change."""
+    pytest.importorskip("matplotlib")
+    script = script_of("make_dots_figure")
+    width_height = script.FIGURE.read_bytes()[:24]  # PNG's signature and the first fields of IHDR
+    monkeypatch.setattr(script, "FIGURE", tmp_path / "dots.png")
+    script.main()
+    assert script.FIGURE.read_bytes()[:24] == width_height
+
+
 def test_numbers_of_the_default_kit_are_its_own(default_kit: Kit) -> None:
     script = script_of("make_numbers")
     page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")

@@ -84,7 +84,7 @@ def test_the_cpl_decodes_to_every_sector_at_its_place(panel: PanelKit) -> None:
 
 
 def symbols_at(xy_mm: npt.NDArray[np.float64], kit: dict[str, Any]) -> npt.NDArray[np.uint8]:
-    """Symbols by SPEC's formula: grid point (c, r) at (x0 + c W, y0 - r W), a part displaced by Delta from it."""
+    """Symbols by the formula of docs/frames.md: grid point (c, r) at (x0 + c W, y0 - r W), a part displaced by Delta from it."""
     x0, y0 = kit["board"]["texture_origin_mm"]
     pitch = kit["pitch_mm"]
     place = np.stack([xy_mm[:, 0] - x0, y0 - xy_mm[:, 1]], axis=1) / pitch

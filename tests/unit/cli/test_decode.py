@@ -394,7 +394,7 @@ def test_overlay_writes_a_picture_of_every_frame(default_kit: Kit, frames: Path,
 
 
 def test_overlay_draws_the_parts_where_the_dots_are(default_kit: Kit, frames: Path) -> None:
-    """The inverse of SPEC's pose equation, against the simulator's true dots."""
+    """The inverse of the pose equation of docs/frames.md, against the simulator's true dots."""
     from tactape_fab.sense import iterate_frames
     from tactape_fab.sense.files.jobs import localize, prepare
     from tactape_fab.sense.overlay import View, placed_mm

@@ -37,7 +37,7 @@ def tape() -> Tape:
 
 
 def board(tape: Tape, x_mm: float, y_mm: float) -> tuple[float, float]:
-    """A texture point on the board, by SPEC's own words."""
+    """A texture point on the board, by the words of docs/frames.md."""
     x0, y0 = tape.board.texture_origin_mm
     return x0 + x_mm, y0 - y_mm
 

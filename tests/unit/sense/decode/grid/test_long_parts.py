@@ -18,7 +18,7 @@ GEL_MM = 1.5 * np.stack(np.meshgrid(np.arange(-3.0, 4.0), np.arange(-2.0, 3.0)),
 
 
 def at_theta(theta_deg: float) -> FloatArray:
-    """Texture points of dots on the gel (SPEC section 1)."""
+    """Texture points of dots on the gel (docs/frames.md)."""
     c, s = np.cos(np.radians(theta_deg)), np.sin(np.radians(theta_deg))
     return np.asarray(GEL_MM @ np.array([[c, -s], [s, c]]))
 
