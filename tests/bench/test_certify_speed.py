@@ -51,7 +51,7 @@ def test_256_tapes(benchmark: BenchmarkFixture) -> None:
         own = Counter(c.sizes[i].distance for c in certificates)
         apart = Counter(nearest[side].matrix[np.triu_indices(256, 1)].tolist())
         print(f"{side}x{side}  own {dict(sorted(own.items()))}  apart {dict(sorted(apart.items()))}")
-    # docs/codes.md: the table of default origins, pair by pair
+    # docs/reference.md: the table of default origins, pair by pair
     assert {side: (a.distance, a.pairs) for side, a in nearest.items()} == {4: (0, 106), 5: (1, 9), 6: (3, 1)}
     (a, *at), (b, *bt) = nearest[6].first[0].tolist(), nearest[6].second[0].tolist()
     assert (a, at, b, bt, nearest[6].turn.tolist()) == (168, [24, 16], 197, [1, 43], [0])

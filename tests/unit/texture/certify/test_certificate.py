@@ -389,7 +389,7 @@ def test_windows_asked_for_are_compared_with_those_after_them_alone() -> None:
 
 
 def test_nearest_windows_of_the_default_origins() -> None:
-    """A quarter of the table of default origins and the sectors whose windows are nearest of all; the whole table is in tests/bench."""
+    """A quarter of all default origins, and the sectors whose windows are nearest; tests/bench has the whole table."""
     tapes = [tape_at(s, (62, 32)) for s in sorted({*range(0, 256, 4), 197, 253})]
     nearest = {}
     for side in (5, 6):
