@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from functools import cache
 from math import cos, sin
 from typing import Any, TypeVar
 
@@ -16,7 +15,7 @@ from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.grid.posterior import lens_of
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.sense.decode.result import LocatedDots
-from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.sense.decode.search.evidence import columns_by_symbol
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 _Kind = TypeVar("_Kind", bound=np.generic)
@@ -75,7 +74,7 @@ def located_dots(
     out = LocatedDots(
         uv_px=seen_px.copy(),
         cell=_of_all(cells, inside, -1),
-        symbol=q.take(_columns(q.shape[1])[turn % 4], axis=1),
+        symbol=q.take(columns_by_symbol(q.shape[1])[turn % 4], axis=1),
         residual_mm=_of_all(_on_texture(offset_px, pose, view) - nominal_mm, inside, np.nan),
         inlier=_of_all(pose.agree, inside, False),
     )
@@ -103,17 +102,6 @@ def strain_of(pose: Pose, view: View) -> dict[str, tuple[float | None, float | N
         "strain": (aspect if a else None, shear if s else None, None),
         "strain_sigma": (ALIKE * aspect_sigma if a else None, ALIKE * shear_sigma if s else None, None),
     }
-
-
-@cache
-def _columns(directions: int) -> IntArray:
-    """Column of the grid's symbols that is a symbol value's of the texture, for each quarter turn; shape (4, directions)."""
-    columns, around = np.empty((4, directions), dtype=np.int64), np.arange(directions)
-    for turn in range(4):
-        # the texture's E is the grid's direction number `turn` in quarters (`evidence.turned`), the others follow clockwise in
-        # both
-        columns[turn, DIRECTIONS[directions].clockwise] = (around + turn * directions // 4) % directions
-    return columns
 
 
 def _on_texture(offset_px: FloatArray, pose: Pose, view: View) -> FloatArray:

@@ -23,7 +23,7 @@ Refined = Literal["dots", "pixels"]
 Places = Literal["nominal", "as-built"]
 SOLID_DOTS = 16
 """Least number of dots of a solid contact (paper, section III-B.2)."""
-_PLANAR = np.array([0, 1, 5])
+PLANAR = np.array([0, 1, 5])
 """Indices of x, y and the turn about z among the six degrees of freedom."""
 _FRAMES, _ORIGINS = ("texture", "board", "object"), ("tape", "gel")
 _PRESSED = ("tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n")
@@ -279,7 +279,7 @@ class Localization:
             # texture: z points into it, and the turn is -theta
             signs = np.array([1.0, -1.0, 1.0] if frame == "board" else [1.0, 1.0, -1.0])
             out = np.diag([0.0, 0.0, inf, inf, inf, 0.0])
-            out[np.ix_(_PLANAR, _PLANAR)] = state[1][:3, :3] * np.outer(signs, signs)
+            out[np.ix_(PLANAR, PLANAR)] = state[1][:3, :3] * np.outer(signs, signs)
             return out
         out = pose_covariance(surface, state[0], state[1])
         if origin == "tape" and frame != "object":

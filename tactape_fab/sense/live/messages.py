@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.given_value import as_numbers, refuse_other
-from tactape_fab.sense.decode.result import refuse_no_answer
+from tactape_fab.sense.decode.result import PLANAR, refuse_no_answer
 from tactape_fab.sense.files.answers import fix_json, object_json
 from tactape_fab.sense.objects.taped_object import TapedObject
 from tactape_fab.sense.sensors import SensorProfile
@@ -38,8 +38,6 @@ _LAST_S = 2**31
 _MM_TO_M = 1e-3
 _TO_BOARD = np.diag([_MM_TO_M, -_MM_TO_M, 1.0])
 """Jacobian of (x, y, yaw) in the board frame, m and rad, by (x mm, y mm, theta rad) in the texture frame: y alone turns round."""
-_PLANAR = np.array([0, 1, 5])
-"""Places of x, y and yaw among the six of geometry_msgs/PoseWithCovariance."""
 
 
 def stamp_ns(timestamp: float | None) -> int | None:
@@ -135,7 +133,7 @@ def board_covariance(covariance: FloatArray | None) -> FloatArray:
     """
     whole = UNMEASURED * np.eye(6)
     if covariance is not None:
-        whole[np.ix_(_PLANAR, _PLANAR)] = _TO_BOARD @ covariance @ _TO_BOARD
+        whole[np.ix_(PLANAR, PLANAR)] = _TO_BOARD @ covariance @ _TO_BOARD
     return whole
 
 

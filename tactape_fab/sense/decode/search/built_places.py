@@ -28,10 +28,10 @@ from tactape_fab.sense.decode.rule import (
     WRONG_SHARE,
     squared_errors,
 )
+from tactape_fab.sense.decode.search.evidence import columns_by_symbol
 from tactape_fab.sense.decode.search.families import Family
 from tactape_fab.sense.decode.search.search import Place
 from tactape_fab.sense.decode.search.single_place import NO_PART, places_near, shown_by
-from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, SymbolArray
 from tactape_fab.texture.tape import Tape
 
@@ -275,7 +275,7 @@ def _weighed(
     total = part * density.sum(axis=2) + 1.0 - part
     q = (part[..., None] * density + (1.0 - part[..., None]) / directions) / total[..., None]
     q = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / directions
-    named = np.take_along_axis(q, _columns(directions)[places.turn[:, None], symbol][..., None], axis=2)[..., 0]
+    named = np.take_along_axis(q, columns_by_symbol(directions)[places.turn[:, None], symbol][..., None], axis=2)[..., 0]
     # E with 4 q(symbol), of eight directions 8 q, in place of 2 q(b) for each bit: its mean is 1 as well where all symbols are
     # alike. A dot off the parts has the factor 1
     score = (np.log(directions * named) * inside).sum(axis=1)
@@ -382,11 +382,3 @@ def _around(directions: int) -> FloatArray:
         return np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
     h = float(HALF)
     return np.array([(1.0, 0.0), (h, h), (0.0, 1.0), (-h, h), (-1.0, 0.0), (-h, -h), (0.0, -1.0), (h, -h)])
-
-
-def _columns(directions: int) -> IntArray:
-    """Column of the grid's symbols that is a symbol value's of the texture, for each quarter turn; shape (4, directions)."""
-    columns, around = np.empty((4, directions), dtype=np.int64), np.arange(directions)
-    for turn in range(4):
-        columns[turn, DIRECTIONS[directions].clockwise] = (around + turn * directions // 4) % directions
-    return columns

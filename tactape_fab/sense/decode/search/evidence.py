@@ -11,6 +11,7 @@ docs/trust.md derives the bound from it; docs/codes.md has the bits of the plane
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +56,17 @@ class Tables(NamedTuple):
 def signs_of(code: PlaneCode) -> Floats:
     """Bits of the main sequence as -1 and 1, three times over."""
     return np.tile(2.0 * np.array(code.main.digits, dtype=np.float32) - 1.0, 3).astype(np.float32)
+
+
+@cache
+def columns_by_symbol(directions: int) -> IntArray:
+    """Column of the grid's symbols that is a symbol value's of the texture, for each quarter turn; shape (4, directions)."""
+    columns, around = np.empty((4, directions), dtype=np.int64), np.arange(directions)
+    for turn in range(4):
+        # the texture's E is the grid's direction number `turn` in quarters (`turned`), the others follow clockwise in
+        # both
+        columns[turn, DIRECTIONS[directions].clockwise] = (around + turn * directions // 4) % directions
+    return columns
 
 
 @kernel()

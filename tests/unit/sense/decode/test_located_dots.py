@@ -17,7 +17,7 @@ from tactape_fab.sense.decode import accept
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.grid.posterior import Beliefs
-from tactape_fab.sense.decode.located_dots import ALIKE, OBSERVED, LazyDots, _columns, located_dots, strain_of
+from tactape_fab.sense.decode.located_dots import ALIKE, OBSERVED, LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.simulation.draw import Frames
@@ -342,13 +342,6 @@ def test_without_a_dot_beside_the_tape_the_arrays_are_copies() -> None:
 
 
 def test_symbols_of_a_turned_grid_are_the_texture_s() -> None:
-    """The grid has its symbols clockwise from its first axis, a tape in the order N, W, E, S."""
-    clockwise = "ESWN"
-    for turn in range(4):
-        assert [int(column) for column in _columns(4)[turn]] == [(clockwise.index(s) + turn) % 4 for s in "NWES"]
-    eight = "EeSsWwNn"
-    for turn in range(4):
-        assert [int(column) for column in _columns(8)[turn]] == [(eight.index(s) + 2 * turn) % 8 for s in "NWESnwes"]
     q = np.arange(20.0).reshape(5, 4)
     for turn in (1, 5, -3):
         assert put_together(np.zeros((3, 2)), turn=turn).symbol.tolist() == q[:, [0, 3, 1, 2]].tolist()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactape_fab.base.jit import kernel
-from tactape_fab.sense.decode.search.evidence import add_everywhere, add_lines, add_lines_at
+from tactape_fab.sense.decode.search.evidence import add_everywhere, add_lines, add_lines_at, columns_by_symbol
 
 LINES, PLANE = 7, 60
 
@@ -66,3 +66,13 @@ def test_lines_are_added_at_one_phase_and_at_some_that_pass_the_last(scene: tupl
     few = np.empty(5, dtype=np.float32)
     assert some_phases(few, said, span, phases, start, phase) == few.max()
     assert few == pytest.approx(wanted[0, (phase + np.arange(5)) % length], abs=1e-4)
+
+
+def test_columns_of_a_turned_grid_are_the_texture_s_symbols() -> None:
+    """The grid has its symbols clockwise from its first axis, a tape in the order N, W, E, S."""
+    clockwise = "ESWN"
+    for turn in range(4):
+        assert [int(column) for column in columns_by_symbol(4)[turn]] == [(clockwise.index(s) + turn) % 4 for s in "NWES"]
+    eight = "EeSsWwNn"
+    for turn in range(4):
+        assert [int(column) for column in columns_by_symbol(8)[turn]] == [(eight.index(s) + 2 * turn) % 8 for s in "NWESnwes"]
