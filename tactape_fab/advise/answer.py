@@ -11,12 +11,13 @@ import numpy as np
 
 from tactape_fab.advise.designs import Design, film_designs, judged, rules_of, solid_designs, usual_design
 from tactape_fab.advise.model import CODES, IMPRINT_SHARE, LOSS, Code, Seen, accuracy, least_contact_mm, signal_of
-from tactape_fab.advise.question import DEFAULT_FAB, Question
+from tactape_fab.advise.question import Question
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.tape import profiles_of
 from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.sense.decode.rule import MOST_RANGE
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape

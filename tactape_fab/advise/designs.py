@@ -28,13 +28,13 @@ from tactape_fab.kit.profiles import (
 )
 from tactape_fab.kit.rules.remedies import cell_pitch_mm, element_pitch_mm, gap_pitch_mm
 from tactape_fab.kit.rules.spacing import finding
-from tactape_fab.kit.spec.grid_options import DEFAULT_PITCH_MM
+from tactape_fab.kit.spec.options import DEFAULT_ROTATION_DEG
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
+from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT
 
 FILM = "fpc"
-ROTATION_DEG = 45.0
-SHARES = (0.14, 1.0 / 6.0, 0.2)
+SHARES = (0.14, 1.0 / PITCH_PER_DISPLACEMENT, 0.2)
 """Δ as fractions of W; for eight directions, which are nearer to each other, without the first."""
 FILM_PARTS = ("r0201", "r01005")
 ELEMENTS = (
@@ -110,7 +110,7 @@ def film_designs(fab: FabProfile) -> Iterator[Design]:
 def usual_design(fab: FabProfile) -> Design:
     """The default design of `make`."""
     part = read_part(FILM_PARTS[0])
-    return replace(_design(part, DEFAULT_PITCH_MM, 1.0 / 6.0), coverlay=fab.coverlay_modes[0], fab=fab.name)
+    return replace(_design(part, DEFAULT_PITCH_MM, 1.0 / PITCH_PER_DISPLACEMENT), coverlay=fab.coverlay_modes[0], fab=fab.name)
 
 
 def solid_designs(process: ProcessProfile) -> Iterator[Design]:
@@ -157,13 +157,13 @@ def film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacemen
         gaps_mm["courtyard"] = _gap_mm(fab.limits["courtyard"], careful)
     if fab.coverlay_mode != "gang":
         gaps_mm["opening-bridge"] = _gap_mm(fab.limits["opening-bridge"], careful)
-    placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=USUAL_DIRECTIONS)
+    placing = Placing(rotation_deg=DEFAULT_ROTATION_DEG, displacement_mm=displacement_mm, directions=USUAL_DIRECTIONS)
     apart_mm = [gap_pitch_mm(rule, gap_mm, fab, part, placing) for rule, gap_mm in gaps_mm.items()]
     return max(*apart_mm, cell_pitch_mm(part, placing))
 
 
 def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displacement_mm: float) -> float:
-    placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=directions)
+    placing = Placing(rotation_deg=DEFAULT_ROTATION_DEG, displacement_mm=displacement_mm, directions=directions)
     return max(element_pitch_mm(gap_mm, part, placing), cell_pitch_mm(part, placing))
 
 
@@ -196,7 +196,9 @@ def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | No
 
 def _gap_of_eight(design: Design, process: ProcessProfile) -> Finding:
     """Rule of the least gap between two blocks: all else about a tape is as with four directions."""
-    gap_mm = worst_box_gap_mm(design.body_mm[:2], ROTATION_DEG, design.pitch_mm, design.displacement_mm, design.directions)
+    gap_mm = worst_box_gap_mm(
+        design.body_mm[:2], DEFAULT_ROTATION_DEG, design.pitch_mm, design.displacement_mm, design.directions
+    )
     return finding(process, "gap", (gap_mm, None), "gap between two elements", "use a larger --w")
 
 

@@ -11,21 +11,21 @@ from shlex import quote
 from typing import Any
 
 from tactape_fab.advise.answer import LOCATED, seen_of
-from tactape_fab.advise.designs import ROTATION_DEG, SHARES, Design, film_pitch_mm, judged, settled
+from tactape_fab.advise.designs import SHARES, Design, film_pitch_mm, judged, settled
 from tactape_fab.advise.model import CODES, LOSS, least_contact_mm
 from tactape_fab.advise.question import Question, read_question
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.kit.film.anchors import Placing, anchor_pitch_mm
 from tactape_fab.kit.outlines import part_outlines
 from tactape_fab.kit.profiles import FabProfile, PartProfile, house_fab, load_fab, read_part
+from tactape_fab.kit.spec.options import DEFAULT_ROTATION_DEG
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
+from tactape_fab.kit.spec.scatter import PLACEMENT_MM
 from tactape_fab.kit.spec.tape_spec import TapeSpec, read_spec
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 
 DEFAULT_CONTACT_MM = (11.0, 9.0)
 """Sides of the contact that a tape is chosen for, mm: the one that the benches press by default."""
-PLACEMENT_MM = 0.05
-"""Standard deviation of the parts' places that the prediction rests on, along each axis: what a line places 0201 chips within."""
 _SHARES = (0.12, *SHARES)
 _TYPED = {"pitch_mm": "--w", "displacement_mm": "--delta", "coverlay": "--coverlay", "anchor": "--anchor"}
 """Options of what may be given."""
@@ -112,9 +112,9 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
 def _other_designs(spec: TapeSpec, given: Mapping[str, Any]) -> Iterator[Problem]:
     """Values of tapes that are none of those among which is chosen."""
     remedy = "or use --fab with --w and --delta in place of --order"
-    if spec.rotation_deg % 90.0 != ROTATION_DEG:
-        said = f"rotation_deg = {spec.rotation_deg:g} deg contradicts --order, whose tapes have parts at {ROTATION_DEG:g} deg"
-        yield Problem("rotation_deg", f"{said}; leave out --rotation, {remedy}")
+    if spec.rotation_deg % 90.0 != DEFAULT_ROTATION_DEG:
+        said = f"rotation_deg = {spec.rotation_deg:g} deg contradicts --order, whose tapes have parts at"
+        yield Problem("rotation_deg", f"{said} {DEFAULT_ROTATION_DEG:g} deg; leave out --rotation, {remedy}")
     directions = given.get("directions")
     if directions in tuple(DIRECTIONS) and directions != USUAL_DIRECTIONS:
         said = f"directions = {directions} contradicts --order, whose tapes have {USUAL_DIRECTIONS}"
@@ -165,8 +165,8 @@ def _pitch_mm(fab: FabProfile, part: PartProfile, anchor: str, careful: bool, di
     pitch_mm = film_pitch_mm(fab, part, careful, displacement_mm)
     if anchor == "none":
         return pitch_mm
-    placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=USUAL_DIRECTIONS)
-    held_mm = anchor_pitch_mm(anchor, fab, part_outlines(part, fab, ROTATION_DEG), part.pads, placing)
+    placing = Placing(rotation_deg=DEFAULT_ROTATION_DEG, displacement_mm=displacement_mm, directions=USUAL_DIRECTIONS)
+    held_mm = anchor_pitch_mm(anchor, fab, part_outlines(part, fab, DEFAULT_ROTATION_DEG), part.pads, placing)
     return max(pitch_mm, held_mm or inf)
 
 

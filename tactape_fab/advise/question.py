@@ -10,15 +10,16 @@ from tactape_fab.advise.designs import FILM
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, unknown_key
 from tactape_fab.kit.profiles import FabProfile, ProcessProfile, load_fab, load_process
+from tactape_fab.kit.spec.grid_options import DEFAULT_SIZE_MM
+from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.scene import Scene
 
-DEFAULT_FAB, DEFAULT_SENSOR = "generic-fpc", "gelsight-mini"
+DEFAULT_SENSOR = "gelsight-mini"
 PROCESSES = (FILM, "sla", "fdm", "cnc")
 KEYS = ("contact_mm", "sensor", "process", "fab", "blur_mm", "placement_mm", "tapes", "size_mm")
 MOST_CONTACT_MM, MOST_BLUR_MM, MOST_PLACEMENT_MM, MOST_TAPES = 100.0, 0.5, 0.2, 1000
-DEFAULT_SIZE_MM = (100.0, 50.0)
 _DEFAULTS = {"blur_mm": Scene().elastomer_mm, "placement_mm": Scene().placement_mm, "tapes": 1, "process": FILM}
 
 

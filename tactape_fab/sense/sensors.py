@@ -21,6 +21,8 @@ from tactape_fab.sense.geometry import MOST_BARREL, Camera, Gel, Geometry, camer
 from tactape_fab.texture.frames import FloatArray
 
 MOST_PX = 4096
+MOST_FRAMES = 1_000_000
+"""Frames of one file, written, read or answered."""
 _MASK_BYTES = 32 * 1024 * 1024
 _VALID_GREY = 128
 _UNCALIBRATED, _UNKNOWN_GEL = Geometry(), Gel()

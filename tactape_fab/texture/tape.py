@@ -31,6 +31,8 @@ from tactape_fab.texture.manifest import find_manifest, read_manifest
 from tactape_fab.texture.part import TapePart, read_part
 from tactape_fab.texture.plane import MOST_POINTS
 
+DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT = 1.5, 6.0
+"""W of a tape for which none is given, and W / Delta where no Delta is."""
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 NAME_REMEDY = "use 1 to 64 letters, digits, '.', '_', '-'"
 

@@ -19,6 +19,7 @@ from tactape_fab.kit.panel.packing import misfit, pack_panels
 from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.kit.profiles.confirm import CONFIRMABLE, Trial
 from tactape_fab.kit.rules.remedies import film_pitch_mm
+from tactape_fab.kit.spec.options import DEFAULT_ROTATION_DEG
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import DEFAULT_CODE, get_code
 from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY
@@ -28,7 +29,6 @@ TAPE_MM = (24.0, 24.0)
 SHARES_OF_LIMIT = (1.0, 0.7, 0.4, 0.2)
 """Bridges of coverlay that are tried, as fractions of the profile's limit."""
 _PART, _DISPLACEMENT_MM, _SMALL_MM = "r0201", 0.25, 0.16
-_ROTATION_DEG = 45.0
 _MOST_OF_NAME = 50
 """Letters of the fab's name in that of its coupon."""
 
@@ -130,7 +130,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
     bridge_mm = fab.limits["opening-bridge"].value_mm
 
     def pitch_mm(rule: str, limit_mm: float, displacement_mm: float) -> float:
-        placing = Placing(rotation_deg=_ROTATION_DEG, displacement_mm=displacement_mm, directions=4)
+        placing = Placing(rotation_deg=DEFAULT_ROTATION_DEG, displacement_mm=displacement_mm, directions=4)
         found = film_pitch_mm(rule, limit_mm, opened, part, placing)
         assert found is not None, rule  # at 45 degrees spurs and mesh have a pitch
         # up to a micrometre, so that the gap is met as drawn; rounded first, as in `whole_um_up`

@@ -15,6 +15,7 @@ import numpy as np
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.drawing import Hole, Offset
 from tactape_fab.kit.spec.panel_options import MOST_ALONG
+from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
 
@@ -22,7 +23,6 @@ CORNER_RADIUS_MM = 1.0
 _RADIUS = "corner_radius_mm"
 MOST_PLACES = 1000
 """Tapes on a packed panel."""
-_LONGEST_MM = 10_000.0
 
 Size = tuple[float, float]
 
@@ -185,7 +185,7 @@ def _read_points(table: Fields, key: str, count: int) -> tuple[Any, ...]:
     rows = [
         Fields({f"{key}[{i}]": row}, table.where, table.problems) for i, row in enumerate(table.rows(key, longest=MOST_ALONG))
     ]
-    return tuple(row.numbers(f"{key}[{i}]", count, low=0.0, high=_LONGEST_MM) for i, row in enumerate(rows))
+    return tuple(row.numbers(f"{key}[{i}]", count, low=0.0, high=LONGEST_MM) for i, row in enumerate(rows))
 
 
 def _read_packed(table: Fields) -> dict[str, Any]:
@@ -194,13 +194,13 @@ def _read_packed(table: Fields) -> dict[str, Any]:
         Fields(row if isinstance(row, Mapping) else {}, f"{table.where}places[{i}].", table.problems)
         for i, row in enumerate(table.rows("places", longest=MOST_PLACES))
     ]
-    size_mm = table.numbers("size_mm", 2, above=0.0, high=_LONGEST_MM, default=(1.0, 1.0))
+    size_mm = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
     return {"size_mm": size_mm, "places": tuple(map(_read_place, entries)), "grid": None}
 
 
 def _read_place(entry: Fields) -> Place:
-    width, height = entry.numbers("size_mm", 2, above=0.0, high=_LONGEST_MM, default=(1.0, 1.0))
-    x, y = entry.numbers("offset_mm", 2, low=0.0, high=_LONGEST_MM, default=(0.0, 0.0))
+    width, height = entry.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
+    x, y = entry.numbers("offset_mm", 2, low=0.0, high=LONGEST_MM, default=(0.0, 0.0))
     return Place(
         size_mm=(width, height),
         radius_mm=entry.number("radius_mm", low=0.0, high=min(width, height) / 2, default=0.0),
@@ -213,7 +213,7 @@ def _read_place(entry: Fields) -> Place:
 
 def _read_grid(table: Fields, rail_mm: float, gap_mm: float) -> dict[str, Any]:
     """Size and places of a panel of equal tapes in columns and rows."""
-    width, height = table.numbers("tape_mm", 2, above=0.0, high=_LONGEST_MM, default=(1.0, 1.0))
+    width, height = table.numbers("tape_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
     columns, rows = (table.integer(key, low=1, high=MOST_ALONG, default=1) for key in ("columns", "rows"))
     tabs_x, tabs_y = (table.integer(key, low=0, high=1000, default=0) for key in ("tabs_x", "tabs_y"))
     radius_mm = table.number("tape_radius_mm", low=0.0, high=min(width, height) / 2, default=0.0)

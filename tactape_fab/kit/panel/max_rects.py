@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-IntArray = npt.NDArray[np.int64]
+from tactape_fab.texture.frames import IntArray
+
 Rule = Callable[[IntArray, int, int], IntArray]
 """Function of free rectangles (k, 4), and a width and height that fit them; returns a cost of each, least is best."""
 

@@ -14,14 +14,13 @@ from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, Code, default_origin, get_code, read_directions
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import snap_mm
+from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT
 
 BEST: Literal["best"] = "best"
 """Value of ``origin`` that asks for a search."""
 LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
 LEAST_DISPLACEMENT_MM = 0.02
-DEFAULT_PITCH_MM = 1.5
 DEFAULT_SIZE_MM = (100.0, 50.0)
-PITCH_PER_DISPLACEMENT = 6.0
 
 
 def read_grid_options(table: Fields) -> dict[str, Any]:

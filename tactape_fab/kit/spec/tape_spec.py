@@ -12,11 +12,12 @@ from tactape_fab.base.fields import unknown_key
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.templates import read_toml
 from tactape_fab.kit.spec.board_options import DEFAULT_TAG_CELL_MM
-from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_PITCH_MM, DEFAULT_SIZE_MM
+from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_PART, DEFAULT_ROTATION_DEG, read_options
 from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
 from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
+from tactape_fab.texture.tape import DEFAULT_PITCH_MM
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

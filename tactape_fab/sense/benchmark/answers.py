@@ -14,11 +14,11 @@ from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
+from tactape_fab.sense.sensors import MOST_FRAMES
 from tactape_fab.texture.frames import FloatArray
 
 FORMAT = "tactape-answers/1"
 MOST_LINE_BYTES = 1 << 20
-MOST_FRAMES = 1_000_000
 _MOST_PROBLEMS = 10
 FARTHEST_MM, MOST_SECTOR = 1e7, 10**9
 

@@ -14,6 +14,7 @@ from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
+from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.rule import BACKGROUND_MM
@@ -22,8 +23,6 @@ from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
-LEAST_WEIGHT = 0.15
-"""Lighter dots are more likely noise than parts, as in the decoder's own fit."""
 ONE_SIDED, REACH_PITCHES, LEAST_AMID = 0.5, 1.6, 12
 """Mean of the directions of a dot's neighbours, each of length 1, from which it is at the rim; how far a neighbour is; and
 how many dots amid others a press needs to do without those at the rim."""

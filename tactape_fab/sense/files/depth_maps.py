@@ -22,10 +22,9 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.raw.image_files import PICTURES, read_picture, read_picture_header
-from tactape_fab.sense.sensors import MOST_PX, SensorProfile
+from tactape_fab.sense.sensors import MOST_FRAMES, MOST_PX, SensorProfile
 
 SUFFIXES = (".npz", ".npy", *PICTURES)
-MOST_FRAMES = 1_000_000
 ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
 """Exceptions raised by reading a damaged zip."""
 

@@ -19,13 +19,12 @@ from tactape_fab.sense.raw.colour_images import RawImage, open_raw, open_reconst
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.code import CODE_NAMES, get_plane, has_plane
 from tactape_fab.texture.registry import read_tapes
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT, Tape
 
 if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
 
 Frames = FrameFile | RawImage | Recording
-DEFAULT_PITCH_MM = 1.5
 
 
 class Locate(Protocol):
@@ -188,7 +187,9 @@ def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> 
         return None
     name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
     pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)
-    displacement_mm = table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / 6
+    displacement_mm = (
+        table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / PITCH_PER_DISPLACEMENT
+    )
     return BareCode(name=name, pitch_mm=pitch_mm, displacement_mm=displacement_mm)
 
 

@@ -15,12 +15,11 @@ import numpy.typing as npt
 from tactape_fab.base.errors import FrameError, MissingLibraryError, Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.sense.files.recording_kinds import BAG, DATASET, MCAP, OTHER_BAGS, Image, Opened, Stamped
-from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile
 
 if TYPE_CHECKING:
     from tactape_fab.sense.raw.reconstruct import Reconstruction
 
-MOST_FRAMES = 1_000_000
 _OF_OURS = 1000.0
 """Millimetres in one unit of the depth images that `watch --mcap` writes (REP 118)."""
 

@@ -20,8 +20,8 @@ from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
-from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.sense.simulation.arguments import MOST_FRAMES, edge_problems
+from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, load_sensor
+from tactape_fab.sense.simulation.arguments import edge_problems
 from tactape_fab.sense.simulation.draw import Frame, iterate_frames
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.parts import Parts, built_parts_of, parts_from_cpl

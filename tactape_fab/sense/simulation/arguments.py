@@ -10,12 +10,10 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields
-from tactape_fab.sense.sensors import SensorProfile, as_sensor
+from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, as_sensor
 from tactape_fab.sense.simulation.scene import Scene, as_scene
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import refuse_no_tape
-
-MOST_FRAMES = 1_000_000
 
 
 def profile_and_scene(

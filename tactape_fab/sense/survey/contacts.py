@@ -12,14 +12,13 @@ from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
+from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
 from tactape_fab.sense.decode.grid.posterior import RIM_MM
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to_texture
 from tactape_fab.texture.tape import Tape
 
-LEAST_WEIGHT = 0.15
-"""Lighter dots are more likely noise than parts, as in the decoder's own fit."""
 LEAST_DOTS = 6
 """A contact of fewer says hardly more than its own pose."""
 LEAST_NEIGHBOURS, MOST_UNSEEN = 5, 1

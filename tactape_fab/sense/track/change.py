@@ -12,13 +12,12 @@ from math import hypot, radians
 import numpy as np
 
 from tactape_fab.sense.decode.result import Localization, LocatedDots
+from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 
 LEAST_COMMON = 6
 """Fewest dots that both frames must show."""
-AGREE_SIGMAS = 3.5
-"""As in `rule`: dots that moved otherwise than the most are left out, such as those that came near the contact's rim."""
 STEPS = 2
 LEAST_SIGMA_MM = 0.0003
 CAMERA_SHARE = 0.005

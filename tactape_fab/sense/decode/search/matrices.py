@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
+from tactape_fab.sense.decode.search.bounds import NEVER
 from tactape_fab.sense.decode.search.evidence import Tables
 from tactape_fab.sense.decode.search.single_place import NO_PART
 from tactape_fab.sense.decode.search.tally import BEST, FAR_BELOW, LEFT_OUT, Tally, count_at, count_bound, least_of
@@ -40,8 +41,6 @@ _DEEPER = 2.0
 """Places are counted at the bound that they are dropped by; it is set so much (ln) lower, so that they weigh even less."""
 _NEGLIGIBLE_TO_NONE = -4.0
 """`tally.NEGLIGIBLE` where the best place has no evidence: there is no answer, whatever the others weigh."""
-_NEVER = -1e30
-"""Weight (ln) of a place with too few dots on the tape."""
 _EVIDENT = -1e29
 _ROUNDING = 1e-6
 _ONE = np.uint64(1)
@@ -131,7 +130,7 @@ def weigh_matrices(tables: Tables, matrices: Matrices, least: int, base: FloatAr
     ``least`` is the fewest dots on a tape; ``base`` and ``cue`` are the fields of `groups.Weights`.
     """
     frame = _frame(tables, matrices)
-    _weigh(frame, tables.dots, tables.size, matrices, least, np.maximum(base, _NEVER), cue, tally)
+    _weigh(frame, tables.dots, tables.size, matrices, least, np.maximum(base, NEVER), cue, tally)
 
 
 def _frame(tables: Tables, matrices: Matrices) -> Frame:
@@ -234,7 +233,7 @@ def _weigh(
     for tape in range(tapes):
         for turn in range(4):
             _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], bound, tally, np.bool_(True))
-    likelihood = _NEVER
+    likelihood = NEVER
     for turn in range(4):
         for over in range(2):
             if base[turn, over] > _EVIDENT:
@@ -322,7 +321,7 @@ def _look(
                 over = 0 if 0 <= x <= columns - wide and 0 <= y <= rows - high else 1
                 start = (LARGEST_CONTACT + y) * stride + LARGEST_CONTACT + x
                 value = _add_up(frame, matrices.shown[tape], turn, start, stride, bound - base[over])
-                if value == _NEVER:
+                if value == NEVER:
                     continue
                 score = value + base[over]
                 if not counted:
@@ -392,10 +391,10 @@ def _index(bit: np.uint64) -> int:
 
 @inner_kernel()
 def _add_up(frame: Frame, shown: SymbolArray, turn: int, start: int, stride: int, least: float) -> float:
-    """Ln E at a place, whose first column and row of dots are at ``start``; `_NEVER` once it cannot reach what matters."""
+    """Ln E at a place, whose first column and row of dots are at ``start``; `NEVER` once it cannot reach what matters."""
     total, cells, said, rest = 0.0, frame.cells[turn], frame.said[turn], frame.rest[turn]
     for k in range(cells.shape[0]):
         total += said[k, shown[start + cells[k, 1] * stride + cells[k, 0]]]
         if total + rest[k + 1] < least - _ROUNDING:
-            return _NEVER
+            return NEVER
     return total
