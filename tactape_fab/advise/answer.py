@@ -26,6 +26,7 @@ LOCATED = 0.9
 """Fraction of contacts that a design is predicted to locate."""
 MOST_LINES, MOST_REACHING = 8, 5
 SIMULATED_LINES, FRAMES = 3, 60
+_SEED = 3
 _BLOCK = 30
 """Simulated contacts that one worker does at a time: its registry costs about as much as half of them."""
 
@@ -296,7 +297,6 @@ def simulated(
     line: Line,
     question: Question,
     frames: int,
-    seed: int = 3,
     progress: Callable[[int, int], None] = lambda *_: None,
     workers: Workers = 1,
 ) -> Simulated:
@@ -308,7 +308,7 @@ def simulated(
     tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
     blocks = [range(first, min(first + _BLOCK, frames)) for first in range(0, frames, _BLOCK)]
     errors: list[tuple[float, float] | None] = []
-    for of_block in mapped(partial(_located, tapes, line, question, frames, seed), blocks, workers):
+    for of_block in mapped(partial(_located, tapes, line, question, frames), blocks, workers):
         errors += of_block
         progress(len(errors), frames)
     found = [error for error in errors if error is not None]
@@ -324,7 +324,7 @@ def simulated(
 
 
 def _located(
-    tapes: Sequence[Tape], line: Line, question: Question, frames: int, seed: int, block: Sequence[int]
+    tapes: Sequence[Tape], line: Line, question: Question, frames: int, block: Sequence[int]
 ) -> list[tuple[float, float] | None]:
     """Errors, mm and degrees, of some contacts with the first tape among all; None for those that are refused.
 
@@ -342,11 +342,11 @@ def _located(
         elastomer_mm=question.blur_mm,
         placement_mm=question.placement_mm,
     )
-    poses = draw_poses(tapes[0], frames, seed, question.sensor, scene)
+    poses = draw_poses(tapes[0], frames, _SEED, question.sensor, scene)
     localizer = Localizer(tapes, sensor=question.sensor)
     found: list[tuple[float, float] | None] = []
     for k in block:
-        truth = frame_at(tapes[0], k, poses[k], seed, question.sensor, scene)
+        truth = frame_at(tapes[0], k, poses[k], _SEED, question.sensor, scene)
         fix = localizer.locate(truth.depth)
         if fix.position_mm is None or fix.theta_deg is None:
             found.append(None)

@@ -66,7 +66,7 @@ def certify(
 
 
 def tapes_to_certify(
-    kits: Sequence[str], options: Mapping[str, Any], as_built: Sequence[str] = ()
+    kits: Sequence[str], options: Mapping[str, Any], as_built: Sequence[str]
 ) -> tuple[list[Tape], tuple[str, ...]]:
     """Tapes of kits, or of a code's sectors as `make` plans them, and a label for each.
 

@@ -160,7 +160,7 @@ def step_shown() -> Callable[[str, int, int], None]:
     return lambda text, done, count: click.echo(f"\r{one_line(text)} {done} of {count}\033[K", err=True, nl=done == count)
 
 
-def step_told(before: str = "") -> Callable[[str, int, int], None]:
+def step_told(before: str) -> Callable[[str, int, int], None]:
     """Progress of what takes long: as `step_shown` on a terminal, else a line when a step begins, and one when it ends."""
     if sys.stderr is None or sys.stderr.isatty():
         return step_shown()

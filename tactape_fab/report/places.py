@@ -60,7 +60,7 @@ def measured_places(tape: Tape, designators: Sequence[str], xy_mm: FloatArray, r
     return Places(designators=designators, xy_mm=xy_mm, cells=cells, symbols=symbols, rotation_deg=rotation_deg)
 
 
-def nominal_places(tape: Tape, on_part: Placed | None = None) -> Places:
+def nominal_places(tape: Tape, on_part: Placed | None) -> Places:
     """Elements where the tape has them, designators and grid points as a placements file lists them where there is one."""
     cells = tape.cells()
     return Places(

@@ -16,7 +16,7 @@ from tactape_fab.texture.tape import Tape
 
 
 def add_report(
-    folder: Path, content: Mapping[str, Any], tape: Tape, *, checks: Sequence[Check] = (), findings: Sequence[Finding] = ()
+    folder: Path, content: Mapping[str, Any], tape: Tape, *, checks: Sequence[Check], findings: Sequence[Finding] = ()
 ) -> Artifact:
     """Write the report of the kit in `folder`, and its manifest again.
 
@@ -32,12 +32,7 @@ def add_report(
 
 
 def add_panel_report(
-    folder: Path,
-    content: Mapping[str, Any],
-    tapes: Sequence[Tape],
-    *,
-    checks: Sequence[Check] = (),
-    findings: Sequence[Finding] = (),
+    folder: Path, content: Mapping[str, Any], tapes: Sequence[Tape], *, checks: Sequence[Check], findings: Sequence[Finding]
 ) -> Artifact:
     """The same for the panel in `folder`, whose kits, of `tapes`, have their own."""
     files = _read(folder, content, PANEL_READ_ROLES)

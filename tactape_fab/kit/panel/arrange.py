@@ -65,7 +65,7 @@ def _takes(fab: FabProfile) -> str:
     )
 
 
-def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile, named: int | None = None) -> Problem | None:
+def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile, named: int | None) -> Problem | None:
     """Problems of a panel of so many columns and rows of tapes at this fab; ``named`` is the number of sectors, if given."""
     size = panel_size_mm(tape_mm, arrangement, fab.panel.rail_mm, fab.panel.gap_mm)
     if within(size, fab):

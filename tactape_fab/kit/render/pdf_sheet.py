@@ -182,11 +182,11 @@ class Sheet:
                 y -= 1.45 * size_mm
         return y
 
-    def arrow(self, tip: Point | FloatArray, direction_rad: float, size_mm: float = ARROW_MM) -> None:
+    def arrow(self, tip: Point | FloatArray, direction_rad: float) -> None:
         """A filled arrowhead that points in `direction_rad`."""
         spread = 0.16
         # arms 0.16 rad to each side: an arrowhead about a third as wide as long
-        ends = [(cos(direction_rad + side) * size_mm, sin(direction_rad + side) * size_mm) for side in (-spread, spread)]
+        ends = [(cos(direction_rad + side) * ARROW_MM, sin(direction_rad + side) * ARROW_MM) for side in (-spread, spread)]
         self.outlines([np.array([tip, *[(tip[0] - dx, tip[1] - dy) for dx, dy in ends]], dtype=float)], fill=0.0, stroke=None)
 
     def dimension(self, start: FloatArray, end: FloatArray, words: str, *, away_mm: float, size_mm: float = TEXT_MM) -> None:

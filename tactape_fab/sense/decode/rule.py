@@ -163,7 +163,7 @@ def least_agreeing(good: int) -> int:
     return max(LEAST_DOTS, good // 2)
 
 
-def place_weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1.0) -> FloatArray:
+def place_weights(counts: FloatArray, turn_weights: FloatArray, share: float) -> FloatArray:
     """Weight w of one place, by its quarter turn and by whether all dots lie on the tape.
 
     Places of a kind weigh the same, so w = share x turn x kind / count. A kind that has no place leaves its share to the other.

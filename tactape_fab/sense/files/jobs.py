@@ -167,7 +167,7 @@ def _recorded(
     recordings = [one for one in found if one is not None]
     if raw is None:
         return recordings
-    colours = open_reconstruction(raw.background, raw.weights, profile, problems, make=not problems)
+    colours = open_reconstruction(raw.background, raw.weights, profile, problems)
     return [replace(one, reconstruction=colours) for one in recordings]
 
 

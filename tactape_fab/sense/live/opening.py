@@ -126,7 +126,7 @@ def _opened(
         problems.append(Problem("mcap", said))
     colours = None
     if wishes.raw:
-        colours = open_reconstruction(wishes.background, wishes.weights, own.sensor, problems, make=not problems)
+        colours = open_reconstruction(wishes.background, wishes.weights, own.sensor, problems)
     return None if found is None else Watch(job=own, source=found[0], reconstruction=colours)
 
 

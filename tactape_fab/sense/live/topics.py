@@ -14,7 +14,7 @@ POSE_TOPIC, DEPTH_TOPIC, TEXT_TOPIC = "/tactape/pose", "/tactape/depth", "/tacta
 TOPICS: Mapping[str, MessageType] = {POSE_TOPIC: POSE, DEPTH_TOPIC: IMAGE, TEXT_TOPIC: TEXT}
 
 
-def topic_of(topic: str, sensor: str = "") -> str:
+def topic_of(topic: str, sensor: str) -> str:
     """A topic of one of several sensors: `/tactape/NAME/pose`."""
     return topic.replace("/tactape/", f"/tactape/{sensor}/") if sensor else topic
 

@@ -48,7 +48,7 @@ def open_raw(images: Sequence[str], background: str | None, weights: str | None,
     images: PNG or JPEG of 8 bits, as large as the sensor's frames, or folders of them: all in a folder, numbers in their names by
         value.
     background: Image of the untouched gel.
-    weights: The sensor's network; see `decode.load_network`.
+    weights: The sensor's network; see `reconstruct.load_network`.
     Raises SpecError: what is wrong with any of the files, all together.
     """
     problems: list[Problem] = []
@@ -59,7 +59,7 @@ def open_raw(images: Sequence[str], background: str | None, weights: str | None,
     problems += refused[:_MOST_TOLD]
     if len(refused) > _MOST_TOLD:
         problems.append(Problem("raw", f"{len(refused) - _MOST_TOLD} more of {len(paths)} images cannot be used either"))
-    found = open_reconstruction(background, weights, sensor, problems, make=not problems)
+    found = open_reconstruction(background, weights, sensor, problems)
     if problems:
         raise SpecError(problems)
     assert found is not None
@@ -67,16 +67,15 @@ def open_raw(images: Sequence[str], background: str | None, weights: str | None,
 
 
 def open_reconstruction(
-    background: str | None, weights: str | None, sensor: SensorProfile, problems: list[Problem], *, make: bool = True
+    background: str | None, weights: str | None, sensor: SensorProfile, problems: list[Problem]
 ) -> Reconstruction | None:
     """Reconstruction of depth maps from a sensor's colour images; None where it cannot be made, which adds to `problems`.
 
     background, weights: As `open_raw` takes them.
-    make: False only reads the files: what else is wrong shows that nothing will be made of them.
+    problems: Where there are some already the files are read, and nothing is made of them.
     """
     from tactape_fab.sense.raw.reconstruct import load_network, make_reconstruction
 
-    before = len(problems)
     if background is None:
         problems.append(
             Problem("background", "colour images need an image of the gel that touches nothing; give background=FILE")
@@ -85,7 +84,7 @@ def open_reconstruction(
         problems.append(Problem("weights", "colour images need the .pth of the sensor's network; give weights=FILE"))
     untouched = None if background is None else tried(partial(_checked, Path(background), "background", sensor), problems)
     network = None if weights is None else tried(partial(load_network, weights), problems)
-    if not make or len(problems) > before:
+    if problems:
         return None
     assert untouched is not None and network is not None
     x, y = sensor.px_per_mm

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields
@@ -14,7 +13,7 @@ from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import imprint, inwards
 from tactape_fab.sense.simulation.draw import parts_in_view, points_in_contact
 from tactape_fab.sense.simulation.gel_displacement import displacement_um, displacements
-from tactape_fab.sense.simulation.parts import Parts, as_parts
+from tactape_fab.sense.simulation.parts import parts_of
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
 from tactape_fab.sense.simulation.view import make_view
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -86,11 +85,10 @@ def dots_of(
     errors: DotErrors | None = None,
     *,
     sensor: str | SensorProfile = "gelsight-mini",
-    parts: Parts | npt.ArrayLike | None = None,
 ) -> Dots:
     """The dots of one frame, without a depth map.
 
-    tape, sensor, parts: As in `simulate`.
+    tape, sensor: As in `simulate`.
     pose: x mm, y mm (texture frame), theta deg.
     scene: Its bumps are dots with no part; noise and smoothing are not used.
     rng: A generator to draw from, or a seed.
@@ -102,7 +100,7 @@ def dots_of(
     rng = rng if isinstance(rng, np.random.Generator) else np.random.default_rng(rng)
     *position_mm, theta_deg = pose
     view = make_view(tape, position_mm, theta_deg, profile, scene)
-    index, _, at_mm = parts_in_view(view, as_parts(tape, parts), rng)
+    index, _, at_mm = parts_in_view(view, parts_of(tape), rng)
     if displacement_um(view) > 0.0:
         at_mm = at_mm + displacements(view, at_mm, rng)
     share = imprint(scene, at_mm)

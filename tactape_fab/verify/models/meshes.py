@@ -150,15 +150,14 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
             text = read_member(archive, model, most_bytes)
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
         raise MeshError(f"it cannot be unpacked: {error}") from error
-    if not re.search(rb'<model\b[^<>]{0,2000}\bunit="millimeter"', text):
-        raise MeshError("its unit is not the millimetre")
     # as this tool writes it: one object, placed once, nothing put together or moved, without comments or tags
     # in another form that another reader could take for the model
     head, _, rest = text.partition(b"<vertices>\n")
     points, _, rest = rest.partition(b"</vertices>\n<triangles>\n")
     corners, _, tail = rest.partition(b"</triangles>\n")
     if _THREEMF_HEAD.fullmatch(head) is None or tail != _THREEMF_TAIL:
-        raise MeshError("it does not build one object where it stands")
+        in_mm = b' unit="millimeter"' in head
+        raise MeshError("it does not build one object where it stands" if in_mm else "its unit is not the millimetre")
     try:
         vertices = _numbers(re.findall(rb'<vertex x="([^"]{1,40})" y="([^"]{1,40})" z="([^"]{1,40})"/>\n', points), np.float64)
         faces = _numbers(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"/>\n', corners), np.int64)

@@ -122,8 +122,8 @@ def posterior(
     fit: FloatArray,
     beliefs: Beliefs,
     *,
-    smoothed: bool = True,
-    placed_mm2: FloatArray | None = None,
+    smoothed: bool,
+    placed_mm2: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Mean and covariance of a pose.
 

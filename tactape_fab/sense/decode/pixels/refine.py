@@ -68,7 +68,7 @@ def refine(
     offset_px: FloatArray,
     texture_mm: FloatArray,
     pose: Pose,
-    placed_mm: FloatArray | None = None,
+    placed_mm: FloatArray | None,
 ) -> tuple[Pose, str | None]:
     """The pose from the pixels around the dots.
 

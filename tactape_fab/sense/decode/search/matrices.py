@@ -96,7 +96,7 @@ class Frame(NamedTuple):
     counts: Words
 
 
-def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], directions: int = 4) -> Matrices:
+def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], directions: int) -> Matrices:
     """Matrices from the symbols that tapes show (`single_place.shown_by`), ordered by size, and the sizes (columns, rows)."""
     pad = LARGEST_CONTACT
     wide, high = (max(size[axis] for size in sizes) for axis in range(2))
