@@ -15,7 +15,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.sense.decode.settings import setting_problems
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
 from tactape_fab.sense.files.recordings import Recording, is_recording, open_recording, upright
-from tactape_fab.sense.raw.colour_images import RawImage, open_raw, open_reconstruction
+from tactape_fab.sense.raw.colour_images import RawImage, colour_paths, open_reconstruction
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.code import CODE_NAMES, get_plane, has_plane
 from tactape_fab.texture.registry import read_tapes
@@ -67,7 +67,7 @@ class BareCode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raw:
-    """Colour images instead of depth maps, with background and weights; see `sense.raw.colour_images.open_raw`."""
+    """Colour images instead of depth maps, with background and weights; see `sense.raw.colour_images`."""
 
     images: Sequence[str]
     background: str | None
@@ -145,30 +145,19 @@ def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile, topic:
     files, problems = [path for path in given if path not in recorded], list[Problem]()
     if topic is not None and not recorded:
         problems.append(Problem("topic", "--topic is for recordings, .mcap, rosbag2 and LeRobot; leave it out"))
-    opened: list[Frames] = []
-    if raw is None:
-        opened += tried(partial(open_frames, files, profile), problems) or []
-    elif files:
-        opened += tried(partial(open_raw, files, raw.background, raw.weights, profile), problems) or []
-    recordings = _recorded(recorded, raw, profile, topic, problems) if recorded else []
+    images = [] if raw is None else colour_paths(files, profile, problems)
+    opened = tried(partial(open_frames, files, profile), problems) if raw is None else None
+    found = [tried(partial(open_recording, path, profile, topic, colour=raw is not None), problems) for path in recorded]
+    recordings = [one for one in found if one is not None]
+    # one for all: what is wrong with it is said once
+    colours = open_reconstruction(raw.background, raw.weights, profile, problems) if raw is not None and given else None
     if problems:
         raise SpecError(problems)
-    if raw is not None:
-        return [*opened, *recordings]
-    of_files, of_recordings = iter(opened), iter(recordings)
-    return [next(of_recordings if path in recorded else of_files) for path in given]
-
-
-def _recorded(
-    paths: Sequence[str], raw: Raw | None, profile: SensorProfile, topic: str | None, problems: list[Problem]
-) -> list[Recording]:
-    """Recordings, with what makes depth maps of their colour images."""
-    found = [tried(partial(open_recording, path, profile, topic, colour=raw is not None), problems) for path in paths]
-    recordings = [one for one in found if one is not None]
-    if raw is None:
-        return recordings
-    colours = open_reconstruction(raw.background, raw.weights, profile, problems)
-    return [replace(one, reconstruction=colours) for one in recordings]
+    if colours is not None:
+        of_images = [RawImage(path=path, reconstruction=colours) for path in images]
+        return [*of_images, *(replace(one, reconstruction=colours) for one in recordings)]
+    files_of: dict[bool, Iterator[Frames]] = {False: iter(opened or ()), True: iter(recordings)}
+    return [next(files_of[path in recorded]) for path in given]
 
 
 def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> BareCode | None:

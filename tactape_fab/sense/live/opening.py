@@ -36,7 +36,7 @@ class Wishes:
     rate: Hz of a replay.
     idle: s without a new file after which a folder is done.
     raw: The source has colour images.
-    background, weights: See `sense.raw.colour_images.open_raw`.
+    background, weights: See `sense.raw.colour_images.open_reconstruction`.
     crop: See `camera.Crop`.
     """
 

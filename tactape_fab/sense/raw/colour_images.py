@@ -42,16 +42,12 @@ class RawImage:
         return None
 
 
-def open_raw(images: Sequence[str], background: str | None, weights: str | None, sensor: SensorProfile) -> list[RawImage]:
-    """Open colour images of a sensor.
+def colour_paths(images: Sequence[str], sensor: SensorProfile, problems: list[Problem]) -> list[Path]:
+    """Paths of colour images of a sensor; what is wrong with any of them is added to `problems`.
 
     images: PNG or JPEG of 8 bits, as large as the sensor's frames, or folders of them: all in a folder, numbers in their names by
         value.
-    background: Image of the untouched gel.
-    weights: The sensor's network; see `reconstruct.load_network`.
-    Raises SpecError: what is wrong with any of the files, all together.
     """
-    problems: list[Problem] = []
     paths = [path for given in images for path in _images_of(Path(given), problems)]
     refused: list[Problem] = []
     for path in paths:
@@ -59,11 +55,7 @@ def open_raw(images: Sequence[str], background: str | None, weights: str | None,
     problems += refused[:_MOST_TOLD]
     if len(refused) > _MOST_TOLD:
         problems.append(Problem("raw", f"{len(refused) - _MOST_TOLD} more of {len(paths)} images cannot be used either"))
-    found = open_reconstruction(background, weights, sensor, problems)
-    if problems:
-        raise SpecError(problems)
-    assert found is not None
-    return [RawImage(path=path, reconstruction=found) for path in paths]
+    return paths
 
 
 def open_reconstruction(
@@ -71,7 +63,8 @@ def open_reconstruction(
 ) -> Reconstruction | None:
     """Reconstruction of depth maps from a sensor's colour images; None where it cannot be made, which adds to `problems`.
 
-    background, weights: As `open_raw` takes them.
+    background: Image of the untouched gel.
+    weights: The sensor's network; see `reconstruct.load_network`.
     problems: Where there are some already the files are read, and nothing is made of them.
     """
     from tactape_fab.sense.raw.reconstruct import load_network, make_reconstruction

@@ -18,10 +18,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab import Kit
-from tactape_fab.base.errors import FrameError
+from tactape_fab.base.errors import FrameError, Problem, SpecError
 from tactape_fab.cli import main
 from tactape_fab.sense import Scene, load_network, load_sensor, make_reconstruction, simulate_frames
-from tactape_fab.sense.raw.colour_images import open_raw
+from tactape_fab.sense.files.jobs import Raw, prepare
+from tactape_fab.sense.raw.colour_images import open_reconstruction
 from tactape_fab.sense.raw.perceptron import BLOCK, of_pixels
 from tactape_fab.sense.raw.reconstruct import integrated, make_network, slopes_of
 from tests.contacts import TAPE
@@ -212,8 +213,22 @@ def test_scales_are_those_of_the_images_as_they_lie(raw: Taken) -> None:
         sensor = replace(load_sensor("gelsight-mini"), px_per_mm=(15.0, 17.0), rotate90=quarters)
         if quarters % 2:
             sensor = replace(sensor, width_px=240, height_px=320)  # the images of the folder, then, turned upright
-        (image, *_) = open_raw([str(folder / "images")], str(folder / "background.png"), str(folder / "nnmodel.pth"), sensor)
-        assert image.reconstruction.px_per_mm == along
+        problems = list[Problem]()
+        found = open_reconstruction(str(folder / "background.png"), str(folder / "nnmodel.pth"), sensor, problems)
+        assert found is not None and found.px_per_mm == along and problems == []
+
+
+def test_background_and_weights_of_images_and_recordings_are_refused_once(raw: Taken, tmp_path: Path) -> None:
+    log = tmp_path / "log.mcap"
+    log.write_bytes(b"no log")
+    images = [str(raw[0] / "images"), str(log)]
+    with pytest.raises(SpecError) as caught:
+        prepare([], [], "gelsight-mini", Raw(images=images, background=None, weights=str(log)), code="microdots-4x4")
+    assert [(problem.key, "log.mcap" in problem.message) for problem in caught.value.problems] == [
+        ("frames", True),
+        ("background", False),
+        ("weights", True),
+    ]
 
 
 def test_everything_that_is_wrong_is_said_at_once(raw: Taken, tmp_path: Path, default_kit: Kit) -> None:
