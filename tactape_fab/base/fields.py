@@ -33,6 +33,12 @@ def shown_path(path: object) -> str:
     return text if len(text) <= _SHOWN_PATH else "..." + text[-_SHOWN_PATH:]
 
 
+def named(items: Sequence[str], most: int = 5) -> str:
+    """The first few items of a list, and the number of the others, for a message."""
+    more = len(items) - most
+    return ", ".join(items[:most]) + (f" and {more} more" if more > 0 else "")
+
+
 def _range_text(low: float, high: float, above: float, below: float, of_unit: str) -> str:
     """Text of the bounds, for a message without a better remedy."""
     least = f"from {low:g}" if math.isfinite(low) else f"above {above:g}" if math.isfinite(above) else ""

@@ -7,14 +7,13 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from tactape_fab.base.errors import Problem, SpecError, reason_of
-from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.fields import Fields, named, shown, shown_path
 from tactape_fab.base.input_file import mode_of, sha256_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
 Overwrite = bool | Literal["edits", "same"]
 """Whether an older kit may be replaced: never, as written, even with what the user edited in it since, or by itself only."""
-_NAMED = 5
 
 
 def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
@@ -64,9 +63,8 @@ def _refuse_foreign(target: Path, *, edits: bool) -> None:
         if not is_folder and not edits and not _as_written(place, listed[path]):
             edited.append(path)
     if edited:
-        more = f" and {len(edited) - _NAMED} more" if len(edited) > _NAMED else ""
         raise SpecError(
-            f"output = {shown_path(target)} holds files that were edited since: {', '.join(edited[:_NAMED])}{more}; "
+            f"output = {shown_path(target)} holds files that were edited since: {named(edited)}; "
             "nothing was touched; use -o to name another folder, or --discard-edits to lose these edits"
         )
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from tactape_fab.base.build_date import dated
 from tactape_fab.base.errors import Check, Problem, SpecError, TactapeError, reason_of
-from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.examine.order import ExaminedPanel
@@ -34,7 +34,7 @@ from tactape_fab.texture.manifest import MANIFEST_NAME, MOST_MANIFEST_BYTES, fin
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.certificate import difference
-from tactape_fab.verify.files import named, read_inside
+from tactape_fab.verify.files import read_inside
 from tactape_fab.verify.verification import Verification
 
 NAME = "reproduced"

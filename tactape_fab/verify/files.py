@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tactape_fab.base.errors import Check, SpecError, reason_of
-from tactape_fab.base.fields import shown
+from tactape_fab.base.fields import named, shown
 from tactape_fab.base.image_file import PNG_SIGNATURE, png_size, unpacked
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.json_text import parse_json
@@ -26,8 +26,6 @@ from tactape_fab.texture.as_built_file import AS_BUILT_NAME
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
-
-_MOST_NAMED = 5
 
 ALWAYS = (
     *("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom"),
@@ -69,12 +67,6 @@ Kind = Literal["film", "texture", "embossed"]
 class WrittenFile:
     path: str
     data: bytes
-
-
-def named(items: list[str]) -> str:
-    """The first few items of a list, for a message."""
-    more = len(items) - _MOST_NAMED
-    return ", ".join(items[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def kind_of(manifest: Mapping[str, Any]) -> Kind:

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.kit.film.anchors import build_anchors
 from tactape_fab.kit.profiles import GERBER_ROLES, load_fab, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
@@ -18,7 +18,7 @@ from tactape_fab.kit.read.readback import read_drill
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import WrittenFile, check_signature, named
+from tactape_fab.verify.files import WrittenFile, check_signature
 from tactape_fab.verify.layers.board import check_components, check_drill, check_edges, check_legend_clear, check_part_data
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly, read_assembly
 from tactape_fab.verify.layers.film_layers import (

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import Check, SpecError
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, named
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
@@ -29,7 +29,6 @@ from tactape_fab.verify.files import (
     check_listed,
     check_picture,
     kind_of,
-    named,
     read_files,
     roles_of,
 )

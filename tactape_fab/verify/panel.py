@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Check, SpecError
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, named
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
@@ -30,7 +30,6 @@ from tactape_fab.verify.files import (
     WrittenFile,
     check_listed,
     check_picture,
-    named,
     read_files,
     read_inside,
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, reason_of, tried
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.fields import named, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.input_file import mode_of
@@ -305,9 +305,8 @@ def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: Overwrite) -> l
             except SpecError as error:  # not ours, or edited
                 problems += error.problems
     if older:
-        more = f" and {len(older) - _NAMED} more" if len(older) > _NAMED else ""
         message = (
-            f"output = {shown_path(folder)} holds {', '.join(older[:_NAMED])}{more} already; use --overwrite to replace kits, "
+            f"output = {shown_path(folder)} holds {named(older)} already; use --overwrite to replace kits, "
             "or -o to name another folder"
         )
         problems.append(Problem("output", message))

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import shown
+from tactape_fab.base.fields import named, shown
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_code
 
 MOST_TAPES = 4096
@@ -44,8 +44,7 @@ def read_sectors(value: object, sectors: int, key: str = "sectors") -> tuple[int
             for sector in range(first, last + 1):
                 found[sector] = found.get(sector, 0) + 1
     if repeated := [str(sector) for sector, times in found.items() if times > 1]:
-        more = f" and {len(repeated) - 5} more" if len(repeated) > 5 else ""
-        problem(f"names sector {', '.join(repeated[:5])}{more} more than once; name each once")
+        problem(f"names sector {named(repeated)} more than once; name each once")
     if problems:
         raise SpecError(problems)
     return tuple(found)

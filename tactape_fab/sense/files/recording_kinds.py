@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy.typing as npt
 
+from tactape_fab.base.fields import named
+
 MCAP, BAG, DATASET = ".mcap", "metadata.yaml", "meta/info.json"
 """Marks of a recording: the ending of a file, and what is in a folder of rosbag2 and of LeRobot."""
 OTHER_BAGS = (".db3", ".bag")
@@ -26,5 +28,4 @@ Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
 def some_of(names: Iterable[str]) -> str:
     """The first names of a file's topics or features, for a message."""
     every = [name if len(name) <= _MOST_SHOWN else f"{name[:_MOST_SHOWN]}..." for name in names]
-    more = f" and {len(every) - _NAMED} more" if len(every) > _NAMED else ""
-    return (", ".join(every[:_NAMED]) or "none") + more
+    return named(every, _NAMED) or "none"

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import shown
+from tactape_fab.base.fields import named, shown
 from tactape_fab.kit.film.gaps import gaps_mm, pen_strokes, polygons
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import GerberContent
@@ -18,7 +18,6 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import area_mm2, inset_mm, rotate
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, Recorded, nearest
 

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.profiles.assembly import FORMATS
 from tactape_fab.kit.read.gerber_file import ReadbackError
 from tactape_fab.kit.read.readback import read_bom
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, PLACEMENTS, CplContent
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
 
 DESIGNATORS_PER_ROW = 200

@@ -13,10 +13,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.board import off_outline_mm
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.job_file import FabOrder

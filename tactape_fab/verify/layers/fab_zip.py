@@ -11,8 +11,9 @@ import zlib
 from collections.abc import Iterator, Mapping
 
 from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import named
 from tactape_fab.kit.writer import FAB_ZIP_ROLES
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 
 # APPNOTE.TXT 6.3.10, sections 4.3.7, 4.3.12 and 4.3.16
 _LOCAL = struct.Struct("<4s5H3I2H")

@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from tactape_fab.base.errors import Check, SpecError
-from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.verify.certificate import difference
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 
 _FUNCTIONS = {
     "copper-top": ("Copper,L1,Top", "Positive"),

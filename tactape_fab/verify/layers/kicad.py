@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
 from tactape_fab.kit.read.s_expression import Tree, read_s_expression
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.kicad_drawn import At, Made, child, drawn_problems, layer_of, rules_problems, values
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded

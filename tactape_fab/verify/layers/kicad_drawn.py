@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import shapely
 
+from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.kit.read.gerber_file import GerberShapes, ReadbackError
 from tactape_fab.kit.read.s_expression import Tree
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm, nearest, point_tree
 from tactape_fab.verify.layers.written_form import same_contours, segments

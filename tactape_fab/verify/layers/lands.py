@@ -10,14 +10,13 @@ import numpy as np
 import shapely
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, named
 from tactape_fab.kit.profiles import LandPattern, read_land
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import named
 
 PLACE_TOLERANCE_MM = 0.001
 ROTATION_TOLERANCE_DEG = 0.05

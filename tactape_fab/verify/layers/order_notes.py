@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import shown
+from tactape_fab.base.fields import named, shown
 from tactape_fab.kit.read.gerber_file import ReadbackError, read_gerber
 from tactape_fab.kit.render.order_notes import COPPER_OZ, LAMINATES, in_a_line
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.legend import inked_or_cut

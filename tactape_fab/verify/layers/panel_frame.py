@@ -9,11 +9,11 @@ import numpy as np
 import shapely
 
 from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import named
 from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.board import pen_problem
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, outlines_apart_mm
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, whole

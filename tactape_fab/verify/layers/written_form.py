@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import shown
+from tactape_fab.base.fields import named, shown
 from tactape_fab.kit.read.gerber_file import GerberContent, GerberShapes
 from tactape_fab.kit.read.written_gerber import FormError, written_shapes
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 
 _NAME = "written form"
 _SAME_MM = 2e-6

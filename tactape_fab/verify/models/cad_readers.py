@@ -19,14 +19,14 @@ import numpy as np
 
 from tactape_fab.base import launch
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.fields import named, shown_path
 from tactape_fab.base.pool import core_count
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.lands import nearest, point_tree
 from tactape_fab.verify.models.expected import VOLUME_TOLERANCE, Expected, film_centre_mm
 from tactape_fab.verify.models.step_text import step_text, strange

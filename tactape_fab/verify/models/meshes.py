@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.fields import named, shown_path
 from tactape_fab.base.input_file import read_member
 from tactape_fab.solids.elements import closed_element, element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
@@ -27,7 +27,7 @@ from tactape_fab.solids.wrap import unwrapped
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models.back_mark import check_mark
 from tactape_fab.verify.models.raised import cells_of, find_raised
 from tactape_fab.verify.symbols import check_symbols

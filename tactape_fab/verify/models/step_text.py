@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 
+from tactape_fab.base.fields import named
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.step.assembly import assembly_step
 from tactape_fab.solids.step.solid import solid_step
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import WrittenFile
 
 _LONGEST_HEADER = 2_000
 _MORE = 1.5

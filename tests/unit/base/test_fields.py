@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactape_fab.base.fields import Fields, shown, unknown_key
+from tactape_fab.base.fields import Fields, named, shown, unknown_key
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.sampled_from([10**400, -(10**400)]) | st.floats() | st.text(max_size=20),
@@ -208,3 +208,9 @@ def test_of_many_unknown_keys_the_first_are_named_and_the_rest_counted() -> None
     table.refuse_unknown(["size_mm", "sector"])
     assert len(table.problems) == 21
     assert table.problems[-1].message == "spec: 59980 more keys are not known; known are: size_mm, sector"
+
+
+def test_a_few_names_stand_for_many() -> None:
+    assert named(list("ab")) == "a, b" and named(list("abcde")) == "a, b, c, d, e"
+    assert named(list("abcdefg")) == "a, b, c, d, e and 2 more"
+    assert named(list("abc"), 2) == "a, b and 1 more"

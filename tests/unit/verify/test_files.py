@@ -34,7 +34,6 @@ from tactape_fab.verify.files import (
     check_picture,
     check_signature,
     kind_of,
-    named,
     read_files,
     read_inside,
     roles_of,
@@ -176,11 +175,6 @@ def test_files_that_are_not_listed_are_a_warning(kit: Path) -> None:
     assert [(c.name, c.passed, c.warning) for c in checks] == [("files", True, False), ("unlisted", False, True)]
     assert checks[1].message == "files that the manifest does not list: fab/notes.txt, tape/one/b.txt"
     assert read(kit, manifest(), kits=["tape/one/"])[1][1].message.endswith("list: fab/notes.txt")
-
-
-def test_a_few_names_stand_for_many() -> None:
-    assert named(list("ab")) == "a, b" and named(list("abcde")) == "a, b, c, d, e"
-    assert named(list("abcdefg")) == "a, b, c, d, e and 2 more"
 
 
 # Roles
