@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
 from tactape_fab.base.given_path import as_path
@@ -38,8 +38,6 @@ from tactape_fab.texture.tape import Tape
 
 if TYPE_CHECKING:
     from tactape_fab.verify.signature import Signer
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from functools import partial
 from io import BytesIO
 from math import isfinite, prod
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +39,6 @@ _REMEDIES = {
 }
 
 Depth = npt.NDArray[Any]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,13 +19,7 @@ MOST_TILES = 60
 _TILE_PX, _CAPTION_PX, _GAP_PX = 260, 40, 8
 _ACROSS = 6
 _HALF_MM = 0.9
-_WHITE, _INK, _RED, _BLUE, _GREY = (
-    (255, 255, 255),
-    (40, 40, 40),
-    (40, 40, 220),
-    (200, 120, 0),
-    (205, 205, 205),
-)  # blue, green, red
+_INK, _RED, _BLUE, _GREY = (40, 40, 40), (40, 40, 220), (200, 120, 0), (205, 205, 205)  # blue, green, red
 _ORDER: tuple[Kind, ...] = ("missing", "tombstoned", "turned", "foreign", "shifted")
 _MAP_PX_PER_MM = 16.0
 _MAP_MOST_PX = 2400

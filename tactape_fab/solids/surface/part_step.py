@@ -26,13 +26,9 @@ _CHORD_ERROR_MM = (0.002, 0.01)
 
 _TURN_RAD = 0.2
 _LISTED = 5
-_AT_ONCE = 2500
-"""Elements in one call of the kernel: every call looks at the whole face again, so few calls are much faster."""
-
 _SAMPLES = 25
 _HALVINGS = 20
 _BESIDE_RAD = 1e-5
-_VOLUME_ERROR = 1e-6
 _ADVICE = "give a plane, a cylinder or a cone, or export the part as STL, where every surface will do"
 
 

@@ -14,7 +14,7 @@ import pytest
 from tactape_fab import TapeSpec
 from tactape_fab.base.errors import Finding, SpecError
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, load_part, read_part
+from tactape_fab.kit.profiles import FabProfile, load_fab, load_part
 from tactape_fab.kit.rules.film_rules import assembly_findings, film_findings, film_problems
 from tests.unit.kit.test_plan import FAB, PART
 
@@ -29,12 +29,6 @@ def found(values: dict[str, Any], fab: FabProfile | None = None) -> dict[str, Fi
     """Findings of this module by rule, measured by a changed profile where one is given."""
     examined = examine(spec_of(**values))
     return {f.rule: f for f in film_findings(examined.layout, examined.spec, fab or examined.fab)}
-
-
-def small_part() -> PartProfile:
-    part = read_part("r01005")
-    assert isinstance(part, PartProfile)
-    return part
 
 
 # Options that contradict the fab

@@ -78,11 +78,7 @@ STRANGE = {
         3,
     ),
     "holes in a mould": (tape_of(DOME, 8, 8, holes_mm=[(9.9, 5.0, 1.0), (3.0, 3.0, 0.5)]), SolidForm(negative=True), 2),
-    "few elements": (
-        tape_of(BLOCK, 8, 7, omitted=[(i, j) for i in range(8) for j in range(7) if i != 2 or j != 5]),
-        wrapped(9.0),
-        0,
-    ),
+    "one element": (tape_of(BLOCK, 8, 7, omitted=_ALL_BUT_ONE), wrapped(9.0), 0),
     "thin base": (tape_of(BLOCK), SolidForm(base_mm=0.01), 0),
     "small radius": (tape_of(BLOCK, 4, 4, margin_mm=0.3), wrapped(1.8), 0),
     "whole shell without a gap": (_NARROW, wrapped(around(_NARROW, 0.0), shell="whole"), 1),

@@ -20,8 +20,6 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 R, PITCH = 16.0, 24.0
 DIRECTION = {"N": (0.0, -1.0), "S": (0.0, 1.0), "W": (-1.0, 0.0), "E": (1.0, 0.0)}
-X_BIT = np.array([0, 1, 0, 1])  # of symbol values N, W, E, S
-Y_BIT = np.array([0, 0, 1, 1])
 
 
 def bumps(at: FloatArray, height: float = 0.06, size: tuple[int, int] = (320, 240), sigma_px: float = 3.0) -> FloatArray:
