@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Check, SpecError
+from tactape_fab.base.errors import Check, SpecError, reason_of
 from tactape_fab.base.fields import Fields, named
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
@@ -209,7 +209,7 @@ def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
         try:
             data = read_inside(folder.resolve(), folder / place.manifest, MOST_MANIFEST_BYTES)
         except (OSError, RuntimeError) as error:
-            problems.append(f"{place.manifest} {error}")
+            problems.append(f"{place.manifest} {reason_of(error)}")
         else:
             if hashlib.sha256(data).hexdigest() != place.sha256:
                 problems.append(f"{place.manifest} is not the one that the panel was made with: its SHA-256 differs")

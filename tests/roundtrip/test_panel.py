@@ -315,6 +315,15 @@ def test_a_missing_file_is_named(gone: str, panel_2: PanelKit, copied: Callable[
     assert failed(verify_kit(folder, quick=True))
 
 
+def test_a_kit_beyond_a_link_is_named(panel_2: PanelKit, copied: Callable[[PanelKit], Path], tmp_path: Path) -> None:
+    folder, outside = copied(panel_2), tmp_path / "outside"
+    kit = folder / panel_2.kits[0]
+    shutil.move(kit, outside)
+    kit.symlink_to(outside)
+    lines = {check.name: check for check in verify_kit(folder, quick=True).checks}
+    assert lines["kits"].message == f"{panel_2.kits[0]}/manifest.json leads out of the kit's folder"
+
+
 def test_an_unlisted_file_is_a_warning(panel_2: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
     folder = copied(panel_2)
     (folder / "tapes" / "notes.txt").write_text("mine")
