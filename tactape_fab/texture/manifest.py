@@ -80,7 +80,8 @@ def read_any_manifest(file: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        raise SpecError(f"{file.name} cannot be read as JSON: {error}; give the folder of a kit, or its manifest.json") from error
+        message = f"{file.name} cannot be read as JSON: {reason_of(error)}; give the folder of a kit, or its manifest.json"
+        raise SpecError(message) from error
     found = content.get("format") if isinstance(content, dict) else None
     if found not in (MANIFEST_FORMAT, PANEL_FORMAT):
         raise SpecError(f"{file.name} has format {shown(found)}; this version reads '{MANIFEST_FORMAT}'")

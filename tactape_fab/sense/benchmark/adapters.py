@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import read_regular, sha256_of
 from tactape_fab.base.json_text import parse_json
@@ -71,7 +71,8 @@ def read_index(folder: str | Path) -> dict[str, Any]:
             raise ValueError("its files are not named by plain paths and sums")
         return dict(content)
     except (OSError, ValueError, AttributeError) as error:
-        message = f"{shown_path(path)} is no benchmark: {error}; write one by python -m tactape_fab.sense.benchmark write FOLDER"
+        message = f"{shown_path(path)} is no benchmark: {reason_of(error)}; write one by python -m "
+        message += "tactape_fab.sense.benchmark write FOLDER"
         raise SpecError(Problem("folder", message)) from error
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.json_text import parse_json
@@ -73,7 +73,7 @@ def read_truth(path: str | Path) -> list[Truth]:
             raise ValueError(f"it does not begin with format {TRUTH_FORMAT}")
         return [_truth(k, parse_json(line)) for k, line in enumerate(lines)]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        message = f"{shown_path(path)} is no truth of a benchmark: {error}; give --truth FILE, or write it again"
+        message = f"{shown_path(path)} is no truth of a benchmark: {reason_of(error)}; give --truth FILE, or write it again"
         raise SpecError(Problem("truth", message)) from error
 
 

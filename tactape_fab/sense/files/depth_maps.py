@@ -18,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.raw.image_files import PICTURES, read_picture, read_picture_header
@@ -159,7 +159,7 @@ def _refused(path: Path) -> Iterator[None]:
     except MemoryError:
         raise SpecError(Problem("frames", f"{shown_path(path)} does not fit into memory; {_REMEDY}")) from None
     except ZIP_ERRORS as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).split("\n", maxsplit=1)[0]
+        reason = reason_of(error).split("\n", maxsplit=1)[0]
         message = f"{shown_path(path)} cannot be read: {reason or type(error).__name__}; {_REMEDY}"
         raise SpecError(Problem("frames", message)) from error
 

@@ -154,7 +154,7 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
             yield Frame(number=number + k - before, image=image, timestamp=stamp, px_per_mm=px_per_mm, keep=file.keep)
             file.taken = k + 1
     except (SpecError, OSError) as error:
-        file.reason = str(error)
+        file.reason = reason_of(error)
 
 
 def _read(path: Path, colour: bool) -> Iterator[tuple[npt.NDArray[Any], float | None, tuple[float, float] | None]]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.errors import TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.sense.files.jobs import Located
 from tactape_fab.sense.overlay import View, ellipse_mm, grid_lines_mm, placed_mm
@@ -79,7 +79,7 @@ class RerunLog:
             self._recording.set_sinks(*sinks, default_blueprint=_blueprint(tapes, sensor))
         except (OSError, RuntimeError) as error:
             what = f"save {shown_path(save)} cannot be written" if save is not None and not show else "Rerun cannot be started"
-            raise TactapeError(f"{what}: {error}") from error
+            raise TactapeError(f"{what}: {reason_of(error)}") from error
         self._names = {tape.name: f"tapes/{rr.escape_entity_path_part(tape.name)}" for tape in tapes}
         self._tapes = {tape.name: tape for tape in tapes}
         self._parts = {tape.name: placed_mm(tape) for tape in tapes}

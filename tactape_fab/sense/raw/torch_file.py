@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import read_regular
@@ -86,7 +86,7 @@ def read_tensors(path: str | Path) -> dict[str, npt.NDArray[np.float32]]:
     except SpecError as error:
         raise SpecError(Problem("weights", f"weights {shown_path(path)} {error}")) from None
     except _DAMAGED as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).split("\n", maxsplit=1)[0]
+        reason = reason_of(error).split("\n", maxsplit=1)[0]
         message = f"weights {shown_path(path)} cannot be read: {reason or type(error).__name__}; {_REMEDY}"
         raise SpecError(Problem("weights", message)) from error
 

@@ -46,6 +46,12 @@ def test_any_other_path_is_none(text: object) -> None:
     assert safe_path(text) is None
 
 
+def test_a_manifest_that_cannot_be_opened_is_refused_with_the_reason_alone(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").mkdir()
+    with pytest.raises(SpecError, match=r"^manifest\.json cannot be read as JSON: it is no regular file; give"):
+        read_any_manifest(tmp_path / "manifest.json")
+
+
 def test_a_manifest_is_found_by_its_folder_or_itself(tmp_path: Path) -> None:
     file = tmp_path / "kit" / "manifest.json"
     file.parent.mkdir()

@@ -303,6 +303,9 @@ def test_a_truth_or_index_that_is_none_is_refused(folder: Path, located: Path, t
         (tmp_path / "benchmark.json").write_text(text, encoding="utf-8")
         with pytest.raises(SpecError, match="no benchmark"):
             open_benchmark(tmp_path)
+    for read, what in ((read_truth, "truth of a benchmark"), (open_benchmark, "benchmark")):
+        with pytest.raises(SpecError, match=f"none.* is no {what}: No such file or directory; "):
+            read(tmp_path / "none")
     assert main(["score", str(tmp_path / "none"), str(located)]) == 2
 
 

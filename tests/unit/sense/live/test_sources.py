@@ -340,6 +340,14 @@ def test_a_folder_ends_when_idle_and_says_what_it_leaves(tmp_path: Path) -> None
     assert "b.npy" in trouble.message
 
 
+def test_a_folder_says_what_cannot_be_opened_in_one_way(tmp_path: Path) -> None:
+    for name in ("a.png", "b.npy"):
+        (tmp_path / name).mkdir()
+    found = list(folder_source(tmp_path, (".npy", ".png"), idle_s=0.05)(Event()))
+    said = sorted(trouble.message.split("; ")[0] for trouble in found if isinstance(trouble, Trouble))
+    assert said == [f"{tmp_path}/a.png: it is no regular file", f"{tmp_path}/b.npy cannot be read: it is no regular file"]
+
+
 def test_a_folder_that_goes_away_is_an_error(tmp_path: Path) -> None:
     folder = tmp_path / "frames"
     folder.mkdir()
