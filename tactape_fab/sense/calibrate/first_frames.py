@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_size, with_depth, with_mask
 from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault
-from tactape_fab.sense.calibrate.presses import Frame, detected
+from tactape_fab.sense.calibrate.presses import Frame
 from tactape_fab.sense.calibrate.valid import valid_pixels
+from tactape_fab.sense.decode.dots.frame_dots import detected
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import SOLID_DOTS
 from tactape_fab.sense.decode.rule import GOOD_TRUST

@@ -9,9 +9,7 @@ from math import radians
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.decode.dots.detect import Dots
-from tactape_fab.sense.decode.dots.frame_dots import frame_dots
-from tactape_fab.sense.decode.dots.inputs import canonical_frame
+from tactape_fab.sense.decode.dots.frame_dots import detected, squared
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
@@ -140,17 +138,3 @@ def amid(at_mm: FloatArray, of: BoolArray, reach_mm: float) -> BoolArray:
     ahead = np.where(near[..., None], apart / np.maximum(distance, 1e-9)[..., None], 0.0).sum(axis=1)
     inner: BoolArray = np.hypot(*(ahead / np.maximum(near.sum(axis=1), 1)[:, None]).T) < ONE_SIDED
     return inner if np.count_nonzero(inner & of & near.any(axis=1)) >= LEAST_AMID else of
-
-
-def detected(frame: Frame, sensor: SensorProfile) -> Dots:
-    """Dots of a frame within the profile's mask, in the image of a perfect camera; the decoder's own."""
-    dots = frame_dots(canonical_frame(frame, sensor), sensor)
-    return replace(dots, xy_px=squared(dots.xy_px, sensor), seen_px=dots.xy_px)
-
-
-def squared(seen_px: FloatArray, sensor: SensorProfile) -> FloatArray:
-    """Places by a perfect camera of the profile's px/mm along u, from the image centre."""
-    camera = sensor.camera
-    # dots in mm, then at one px/mm along both axes: the decoder's grid has square cells
-    on_gel: FloatArray = camera.from_px(seen_px) - camera.from_px(sensor.centre_px)
-    return on_gel * sensor.px_per_mm[0]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import radians
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.decode.dots.frame_dots import frame_dots
-from tactape_fab.sense.decode.dots.inputs import canonical_frame
+from tactape_fab.sense.decode.dots.frame_dots import detected
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
@@ -96,12 +95,9 @@ def contact_of(
     """
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None
     tape = ground.tape
-    dots = frame_dots(canonical_frame(depth, sensor), sensor)
     camera, scale = sensor.camera, sensor.px_per_mm[0]
     # `settled` works in the image of a perfect camera with square pixels; afterwards dots go back to what this camera sees
-    on_gel = camera.from_px(dots.xy_px) - camera.from_px(sensor.centre_px)
-    dots = settled(replace(dots, xy_px=on_gel * scale, seen_px=dots.xy_px), tape.pitch_mm * scale, _share(tape))
-    assert dots.seen_px is not None
+    dots = settled(detected(depth, sensor), tape.pitch_mm * scale, tape.displacement_mm / tape.pitch_mm)
     back = dots.xy_px / scale + camera.from_px(sensor.centre_px)
     weights = np.minimum(dots.weights * dots.trust, 1.0)
     cells = fix.dots.cell
@@ -126,10 +122,6 @@ def contact_of(
         start=np.array([*fix.position_mm, theta]),
         expected=_unseen(cells, ground),
     )
-
-
-def _share(tape: Tape) -> float:
-    return tape.displacement_mm / tape.pitch_mm
 
 
 def _unseen(cells: IntArray, ground: Ground) -> IntArray:

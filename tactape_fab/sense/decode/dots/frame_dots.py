@@ -1,15 +1,19 @@
-"""Dots of one frame as a sensor's profile has it."""
+"""Dots of one frame as a sensor's profile has it, and for adjustments of many frames in the image of a perfect camera."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import chosen
 from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
 
 
 def frame_dots(image: Image, sensor: SensorProfile) -> Dots:
@@ -21,3 +25,17 @@ def frame_dots(image: Image, sensor: SensorProfile) -> Dots:
     u, v = np.rint(dots.xy_px).astype(np.int64).T
     h, w = sensor.mask.shape
     return chosen(dots, sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
+
+
+def detected(frame: npt.ArrayLike, sensor: SensorProfile) -> Dots:
+    """Dots of a frame as the sensor delivers it, in the image of a perfect camera; where they are seen is kept."""
+    dots = frame_dots(canonical_frame(frame, sensor), sensor)
+    return replace(dots, xy_px=squared(dots.xy_px, sensor), seen_px=dots.xy_px)
+
+
+def squared(seen_px: FloatArray, sensor: SensorProfile) -> FloatArray:
+    """Places by a perfect camera of the profile's px/mm along u, from the image centre."""
+    camera = sensor.camera
+    # dots in mm, then at one px/mm along both axes: the decoder's grid has square cells
+    on_gel: FloatArray = camera.from_px(seen_px) - camera.from_px(sensor.centre_px)
+    return on_gel * sensor.px_per_mm[0]
