@@ -36,6 +36,7 @@ from tactape_fab.solids.surface.part_files import (
     UNITS_MM,
     closed_mesh,
     read_surface_mesh,
+    refuse_far_away,
     refuse_wrong_size,
 )
 from tactape_fab.solids.surface.part_mesh import Facets, MeshChart
@@ -219,6 +220,7 @@ def _on_mesh(tape: Tape, source: _Source, placement: Placement, unit: str, progr
     mesh = read_surface_mesh(source.data, source.kind, unit)
     # before the mesh is closed and searched: a part in the wrong unit is a thousand times too large or small
     refuse_wrong_size(np.ptp(mesh.vertices_mm, axis=0), None if source.kind == "3mf" else unit, texture_size_mm(tape))
+    refuse_far_away(mesh.vertices_mm)
     mesh = closed_mesh(mesh)
     progress("mapping", 0, tape.part_count)
     laid = laid_well(tape, lambda at: MeshChart(mesh, replace(placement, at_mm=at)), placement, _sides_mm(mesh))
@@ -296,6 +298,7 @@ def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
     limit_self(cpu_s=STEP_CPU_S * megabytes, memory_bytes=memory_bytes)
     model = read_step_solid(source.data)
     refuse_wrong_size(model.size_mm, None, texture_size_mm(tape))
+    refuse_far_away(model.corners_mm)
     chart = FaceChart(model, placement)
     progress("mapping", 0, tape.part_count)
     limit_self(cpu_s=MESH_CPU_S * megabytes, memory_bytes=memory_bytes)

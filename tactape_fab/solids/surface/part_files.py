@@ -13,6 +13,7 @@ import numpy as np
 from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import unit as unit_vectors
+from tactape_fab.solids.surface.nested import wrong_shells
 from tactape_fab.solids.surface.threemf_file import FURTHEST_MM, MOST_FACES, read_3mf
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
@@ -20,6 +21,8 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 MESH_FORMATS = ("stl", "3mf", "obj", "ply")
 MOST_BYTES = 512 * 1024 * 1024
 LEAST_SIZE_MM, MOST_SIZE_MM = 1.0, 5000.0
+MOST_AWAY_MM = 2.0**14
+"""How far a part may reach from its origin: from there on, coordinates of an STL (float32) are 2 um apart."""
 
 _WELD = 1e-6
 """Corners closer than this part of the model's size are one vertex: float32, the coordinates of an STL, is that fine."""
@@ -155,7 +158,8 @@ def _border(faces: IntArray) -> IntArray:
 def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
     """The mesh, outside out, once it has proved to be a solid's; `crossings` says whether to look for those too.
 
-    Raises SpecError when edges are open, shared by more than two triangles or by two of opposite sense, or the mesh cuts itself.
+    Raises SpecError when edges are open, shared by more than two triangles or by two of opposite sense, the mesh cuts itself, or
+        a shell bounds neither a body nor a hollow where it is.
     """
     forward, backward = _edge_keys(mesh.faces)
     _, count = np.unique(np.minimum(forward, backward), return_counts=True)
@@ -180,7 +184,15 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
             "cut its faces into triangles and repair it in your CAD or mesh program, and export it again"
         )
     if mesh.volume_mm3 < 0:
-        return Mesh(vertices_mm=mesh.vertices_mm, faces=mesh.faces[:, ::-1])
+        mesh = Mesh(vertices_mm=mesh.vertices_mm, faces=mesh.faces[:, ::-1])
+    wrong, middle_mm = wrong_shells(mesh)
+    if wrong:
+        near = ", ".join(f"{v:.2f}" for v in middle_mm)
+        raise SpecError(
+            f"SURFACE has closed shells that face the wrong way: {wrong}, the first round ({near}) mm, a body inside another, "
+            "a hollow that faces out, or a body turned inside out; remove it or turn its faces in your mesh program, and export "
+            "it again"
+        )
     return mesh
 
 
@@ -215,6 +227,16 @@ def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[f
         use = "if it is not, use --unit " + " or ".join(fitting) if fitting else "scale it"
         remedy = f"the file was read in {unit}; {use}"
     raise SpecError(f"{problem}; {remedy}")
+
+
+def refuse_far_away(corners_mm: FloatArray) -> None:
+    """Raise SpecError where a model lies so far from its origin that an STL of it would be too coarse; corners (n, 3)."""
+    furthest = float(np.abs(corners_mm).max())
+    if furthest > MOST_AWAY_MM:
+        raise SpecError(
+            f"SURFACE reaches {furthest:.6g} mm from its origin, more than {MOST_AWAY_MM:g} mm, where an STL's coordinates are "
+            "coarser than 0.001 mm; move it to its origin and export it again"
+        )
 
 
 def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:

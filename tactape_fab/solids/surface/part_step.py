@@ -42,8 +42,14 @@ class StepModel:
     @property
     def size_mm(self) -> FloatArray:
         """Extent along x, y, z."""
-        size = self.solid.bounding_box().size
-        return np.array([size.X, size.Y, size.Z])
+        size: FloatArray = np.ptp(self.corners_mm, axis=0)
+        return size
+
+    @property
+    def corners_mm(self) -> FloatArray:
+        """Least and largest x, y, z; shape (2, 3)."""
+        box = self.solid.bounding_box()
+        return np.array([tuple(box.min), tuple(box.max)])
 
     @property
     def chord_error_mm(self) -> float:

@@ -16,9 +16,10 @@ import trimesh
 from tactape_fab import Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.make.emboss import emboss_kit
-from tactape_fab.solids.mesh.triangles import threemf_bytes
+from tactape_fab.solids.mesh.triangles import Mesh, threemf_bytes
 from tactape_fab.solids.surface import part_files
 from tactape_fab.solids.surface.charts import Placement
+from tactape_fab.solids.surface.nested import wrong_shells
 from tactape_fab.solids.surface.part_files import closed_mesh, read_surface_mesh, self_intersections
 from tactape_fab.texture.frames import FloatArray
 from tests.attacks import nested_tetrahedra, stl
@@ -77,6 +78,13 @@ def entities() -> bytes:
     return stream.getvalue()
 
 
+def with_another(size_mm: float, z_mm: float, *, turned: bool = False) -> Any:
+    other = box(size_mm, size_mm, 1.0).apply_translation((0.0, 0.0, z_mm))
+    if turned:
+        other.invert()
+    return trimesh.util.concatenate([box(), other])
+
+
 BAD = [
     ("no.stl", b"", {}, "holds no triangles that can be read as STL"),
     ("cut.stl", stl_of(box())[:-20], {}, "holds no triangles that can be read as STL"),
@@ -110,6 +118,10 @@ BAD = [
     ("box.stl", box(), {"placement": Placement(up=(0, 0, 0))}, r"up = 0,0,0 is no direction"),
     ("box.stl", box(), {"placement": Placement(face=2)}, r"face = 2 is one of a STEP solid, and .* is a mesh"),
     ("box.stl", box(9, 9), {}, "runs off the surface"),
+    ("inside.stl", with_another(10.0, 0.0), {}, r"face the wrong way: 1, the first round \(0.00, 0.00, 0.00\) mm"),
+    ("flush.stl", with_another(10.0, -2.0), {}, r"face the wrong way: 1, the first round \(0.00, 0.00, -2.00\) mm"),
+    ("turned-body.stl", with_another(10.0, -9.0, turned=True), {}, "face the wrong way: 1"),
+    ("far.stl", box().apply_translation((0, 20_000.0, 0)), {}, r"reaches 20015 mm from its origin, more than 16384 mm.* move it"),
 ]
 
 
@@ -188,6 +200,25 @@ def test_touching_triangles_do_not_cross() -> None:
     for model in (ball(25.0, 3), saddle(), cylinder(), box()):
         assert self_intersections(mesh_of(model))[0] == 0
     assert self_intersections(read_surface_mesh(stl_of(crossing_boxes()), "stl"))[0] > 0
+
+
+def test_a_hollow_and_a_body_beside_or_in_the_hollow_are_no_fault(kit: Path) -> None:
+    # volumes by hand: 30 x 30 x 5 less the hollow, and with a body apart
+    hollow = with_another(10.0, 0.0, turned=True)
+    assert closed_mesh(mesh_of(hollow)).volume_mm3 == pytest.approx(4400.0)
+    assert closed_mesh(mesh_of(with_another(10.0, -9.0))).volume_mm3 == pytest.approx(4600.0)
+    rattle = trimesh.util.concatenate([hollow, box(2.0, 2.0, 0.5)])
+    assert closed_mesh(mesh_of(rattle)).volume_mm3 == pytest.approx(4402.0)
+    assert emboss(kit, hollow).surface["source_volume_mm3"] == pytest.approx(4400.0)
+
+
+def test_thousands_of_shells_are_looked_at_in_seconds() -> None:
+    small = [box(1.0, 1.0, 1.0).apply_translation((2.0 * i, 2.0 * k, 0.0)) for i in range(60) for k in range(50)]
+    model = trimesh.util.concatenate([*small, box(500.0, 500.0, 20.0)])
+    mesh = Mesh(vertices_mm=np.asarray(model.vertices), faces=np.asarray(model.faces))
+    started = time.process_time()
+    assert wrong_shells(mesh)[0] == 3000
+    assert time.process_time() - started < 5.0
 
 
 def test_rounding_is_welded_and_an_inside_out_mesh_turned() -> None:
