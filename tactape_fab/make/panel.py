@@ -170,7 +170,8 @@ def fill_panel(
         verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
         verification.raise_if_failed()
         own = verification.checks
-    artifacts.append(add_panel_report(folder, content, [t.tape for t in examined.tapes], checks=own, findings=examined.findings))
+    tapes, findings = [tape.tape for tape in examined.tapes], examined.findings_on_panel  # the report's map goes to their places
+    artifacts.append(add_panel_report(folder, content, tapes, checks=own, findings=findings))
     return artifacts, (*checks, *own)
 
 

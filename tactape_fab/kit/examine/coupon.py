@@ -12,8 +12,8 @@ from math import ceil
 
 from tactape_fab.base.errors import Finding, Problem, SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.kit.examine.order import ExaminedPanel
-from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.examine.order import ExaminedPanel, without_remedy
+from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.film.anchors import Placing
 from tactape_fab.kit.panel.packing import misfit, pack_panels
 from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
@@ -68,22 +68,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
     name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     if table.problems:
         raise SpecError(table.problems)
-    tapes = tuple(
-        examine(
-            TapeSpec(
-                sector=sector,
-                name=f"coupon-s{sector:03d}",
-                fab=fab_name,
-                size_mm=TAPE_MM,
-                pitch_mm=trial.pitch_mm,
-                displacement_mm=trial.displacement_mm,
-                coverlay=trial.coverlay,
-                anchor=trial.anchor,
-                models=False,
-            )
-        )
-        for sector, trial in enumerate(wanted, start=first_sector)
-    )
+    tapes = tuple(_examined(fab_name, sector, trial) for sector, trial in enumerate(wanted, start=first_sector))
     # the first sheet is the fullest: tapes that do not fit on it are left out, and said
     _, (packed, *others) = pack_panels([(TAPE_MM, tape.tape.board.corner_radius_mm) for tape in tapes], fab)
     trials = tuple(
@@ -103,6 +88,27 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         remarks=tuple(_left_out([wanted[i] for other in others for i in other.tapes], len(wanted), fab)),
         trials=trials,
     )
+
+
+def _examined(fab_name: str, sector: int, trial: _Wanted) -> Examined:
+    spec = TapeSpec(
+        sector=sector,
+        name=f"coupon-s{sector:03d}",
+        fab=fab_name,
+        size_mm=TAPE_MM,
+        pitch_mm=trial.pitch_mm,
+        displacement_mm=trial.displacement_mm,
+        coverlay=trial.coverlay,
+        anchor=trial.anchor,
+        models=False,
+    )
+    try:
+        return examine(spec)
+    except SpecError as error:
+        # what a tape is told to do about it are options of make, which a coupon does not have
+        why = "; ".join(without_remedy(problem.message) for problem in error.problems)
+        message = f"fab = '{fab_name}' has limits that no tape of {_size(TAPE_MM)} keeps: {why}; order a tape without a coupon"
+        raise SpecError(Problem("fab", message)) from None
 
 
 def _usual_name(fab: FabProfile) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound, tried
 from tactape_fab.base.given_value import refuse_other
@@ -13,7 +16,7 @@ from tactape_fab.kit.examine.together import of_sector, other_sectors, sector_wo
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.arrange import arrangement_problem, arrangements, choose_arrangement, nearest_arrangement
-from tactape_fab.kit.panel.geometry import Panel
+from tactape_fab.kit.panel.geometry import Panel, Place
 from tactape_fab.kit.panel.panel_drawing import panel_drawing
 from tactape_fab.kit.panel.tabs_and_marks import plan_panel
 from tactape_fab.kit.profiles import FabProfile, load_fab
@@ -25,6 +28,8 @@ from tactape_fab.texture.board import TAG_FAMILY, TAG_IDS
 from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape, refuse_no_tapes
+
+_REMEDY = re.compile("; use --.*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,16 +59,41 @@ class ExaminedPanel:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Every design rule once, with the figure of its worst tape; assembly rules are measured on the panel."""
+        """Every design rule once, with the figure of its worst tape and the place there; assembly rules are the panel's.
+
+        Those of a coupon name no remedy: its tapes are trials, and no option of it changes them.
+        """
+        return self._findings(on_panel=False)
+
+    @property
+    def findings_on_panel(self) -> tuple[Finding, ...]:
+        """As `findings`, with their places in the panel's frame."""
+        return self._findings(on_panel=True)
+
+    def _findings(self, *, on_panel: bool) -> tuple[Finding, ...]:
         parts = sum(tape.tape.part_count for tape in self.tapes)
         # the line is given the panel, so number of parts and size are the panel's
         of_panel = {f.rule: f for f in assembly_findings(self.panel.size_mm, parts, self.fab, "panel")}
         worst: dict[str, Finding] = {}
-        for finding in (f for tape in self.tapes for f in tape.findings):
+        of_tapes = zip(self.tapes, self.panel.places, strict=True)
+        for finding in (_on_panel(f, place) if on_panel else f for tape, place in of_tapes for f in tape.findings):
             known = worst.setdefault(finding.rule, finding)
             if (known.passed and not finding.passed) or (known.passed == finding.passed and _worse(finding, known)):
                 worst[finding.rule] = finding
-        return (*{**worst, **of_panel}.values(), *self.together)
+        found = (*{**worst, **of_panel}.values(), *self.together)
+        return tuple(replace(f, message=without_remedy(f.message)) for f in found) if self.trials else found
+
+
+def without_remedy(message: str) -> str:
+    """A message without the options of `make` that it names at its end."""
+    return _REMEDY.sub("", message)
+
+
+def _on_panel(finding: Finding, place: Place) -> Finding:
+    """The finding of a tape with its place in the panel's frame."""
+    if finding.at_mm is None:
+        return finding
+    return replace(finding, at_mm=place.on_panel_mm(np.array(finding.at_mm)))
 
 
 def _worse(a: Finding, b: Finding) -> bool:

@@ -297,7 +297,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
     # the side that is too long, else the one that is too short; of two the longer and the shorter one
     side = too_long.index(True) if large else (0 if too_short == [True, False] else 1)
     said = f"assembly takes {panel.smallest_mm[0]:g} x {panel.smallest_mm[1]:g} to {panel.largest_mm[0]:g} x "
-    said += f"{panel.largest_mm[1]:g} mm; the {what} is {size_mm[0]:g} x {size_mm[1]:g} mm"
+    said += f"{panel.largest_mm[1]:g} mm; the {what} is {board_mm[0]:g} x {board_mm[1]:g} mm"
     remedy = _size_remedy(size_mm, board_mm[0] >= board_mm[1], fab, small=small, large=large)
     yield Finding(
         rule="assembly-size",

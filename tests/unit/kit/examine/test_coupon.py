@@ -55,3 +55,18 @@ def test_a_broken_rule_has_the_figure_of_its_worst_tape() -> None:
     (said,) = [f for f in made.findings if f.rule == "opening-bridge"]
     assert sum(not f.passed for f in of_tapes) > 1
     assert not said.passed and said.value == min(f.value for f in of_tapes if f.value is not None)
+
+
+def test_no_finding_of_a_coupon_names_an_option_that_it_does_not_have() -> None:
+    made = examine_coupon("generic-fpc")
+    assert [f.message for tape in made.tapes for f in tape.findings if "use --" in f.message]
+    assert not [f.message for f in made.findings if "--" in f.message]
+
+
+def test_limits_that_no_tape_of_the_coupon_keeps_are_the_fabs(tmp_path: Path) -> None:
+    path = Path(profile(tmp_path, "broad"))
+    limit = 'value_mm = 9\nlevel = "block"\nsource = "s"\ndate = "2026-01-01"\nconfirmed = false\n'
+    path.write_text(f"{path.read_text()}\n[limits.body-edge]\n{limit}")
+    with pytest.raises(SpecError, match=r"of 24 x 24 mm keeps: .*; order a tape without a coupon$") as refusal:
+        examine_coupon(str(path))
+    assert "use --" not in str(refusal.value)

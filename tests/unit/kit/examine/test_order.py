@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -69,3 +70,17 @@ def test_copies_and_a_panel_of_one_take_any_id() -> None:
         examined, _ = examine_order({**ANOTO, "sector": 700, "tag_id": 5, **values})
         assert isinstance(examined, ExaminedPanel)
         assert "choose an id with --tag-id" in refused(**{**ANOTO, "sector": 700, **values})[0]
+
+
+def test_findings_of_a_panel_have_their_places_on_it() -> None:
+    # W so small that bridges are below the limit: between parts of one tape, so within one tape's outline on the panel
+    examined, _ = examine_order({"sector": 7, "panel": "3x2", "pitch_mm": 1.3, "displacement_mm": 0.2, **NARROW})
+    assert isinstance(examined, ExaminedPanel)
+    of_tapes = {(f.rule, f.value): f.at_mm for f in examined.tapes[0].findings}
+    found = [f for f in examined.findings_on_panel if f.at_mm is not None]
+    offset_mm = examined.panel.places[0].offset_mm
+    assert found and offset_mm[1] > 50.0  # the first tape is the upper left one
+    for finding in found:
+        at_mm = of_tapes[finding.rule, finding.value]
+        assert at_mm is not None and finding.at_mm == pytest.approx((at_mm[0] + offset_mm[0], at_mm[1] + offset_mm[1]))
+    assert [replace(f, at_mm=None) for f in examined.findings] == [replace(f, at_mm=None) for f in examined.findings_on_panel]

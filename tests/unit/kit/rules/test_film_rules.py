@@ -273,6 +273,8 @@ def test_what_assembly_takes(board_mm: tuple[float, float], value: float, limit:
 def test_what_is_ordered_is_named() -> None:
     _, size = assembly_findings((100.0, 80.0), 1, FAB, "panel")
     assert size.message == "assembly takes 70 x 70 to 250 x 250 mm; the panel is 100 x 80 mm"
+    _, size = assembly_findings((80.0, 100.0), 1, FAB, "panel")  # width and height, as the order notes have them
+    assert size.message == "assembly takes 70 x 70 to 250 x 250 mm; the panel is 80 x 100 mm"
 
 
 # Bending
