@@ -35,6 +35,7 @@ from tactape_fab.texture.panel_manifest import is_panel, read_placed
 from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.certificate import difference
 from tactape_fab.verify.files import read_inside
+from tactape_fab.verify.spec_record import contradictions, of_tape, other_values
 from tactape_fab.verify.verification import Verification
 
 NAME = "reproduced"
@@ -82,7 +83,8 @@ def _reproduced(file: Path, content: Mapping[str, Any]) -> tuple[list[str], int]
     """Differences of a kit from the one that is made again, and the number of files that were compared."""
     if "surface" in content:
         raise NotReproducibleError("it was made on the user's own part, which is not in it; run emboss with that part again")
-    _refuse_contradiction(content)
+    if problems := contradictions(content, Tape.from_mapping(content)):
+        raise SpecError(problems)
     made = _read_made(content)
     examined = _examined(content, made)
     with tempfile.TemporaryDirectory(prefix="tactape-", ignore_cleanup_errors=True) as scratch, dated(made["date"]):
@@ -173,41 +175,9 @@ def _distance(table: Fields, key: str) -> int | None:
     return None if table.values.get(key) is None else table.integer(key, low=0, high=16)
 
 
-def _refuse_contradiction(content: Mapping[str, Any]) -> None:
-    """Refuse a spec of any version that says another tape than its manifest."""
-    spec = content.get("spec")
-    values = {key: value for key, value in spec.items() if value is not None} if isinstance(spec, Mapping) else {}
-    problems = _other(values, Tape.from_mapping(content))
-    if problems := [problem for problem in problems if problem.key in values]:
-        raise SpecError(problems)
-
-
-def _other(values: Mapping[str, Any], tape: Tape) -> list[Problem]:
-    """Options of a spec that are not those of a manifest's tape."""
-    board = tape.board
-    known = {
-        "sector": tape.sector,
-        "name": tape.name,
-        "code": tape.code,
-        "origin": list(tape.origin),
-        "pitch_mm": tape.pitch_mm,
-        "displacement_mm": tape.displacement_mm,
-        "size_mm": list(board.size_mm),
-        "corner_radius_mm": board.corner_radius_mm,
-        "holes_mm": [list(hole) for hole in board.holes],
-        "rotation_deg": tape.part.rotation_deg,
-        "tag_id": None if tape.tag is None else tape.tag.id,
-    }
-    return [
-        Problem(key, f"spec.{key} = {shown(values.get(key))} is not that of the tape, {shown(value)}")
-        for key, value in known.items()
-        if values.get(key) != value and not (key == "origin" and values.get(key) == "best")
-    ]
-
-
 def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
     """Refuse a spec that is not of this tape, before anything is computed of it."""
-    board, problems = tape.board, _other(values, tape)
+    board, problems = tape.board, other_values(values, of_tape(tape))
     problems += [Problem(str(key), f"spec.{shown(key)} is no option") for key in values if key not in KEYS]
     # of a board with no margins: an upper bound of the grid, so that a small manifest cannot ask for a large tape
     points = (board.size_mm[0] / tape.pitch_mm + 1) * (board.size_mm[1] / tape.pitch_mm + 1)

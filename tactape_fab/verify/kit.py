@@ -55,6 +55,7 @@ from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.cad_readers import read_by_others
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.models.meshes import check_models, check_threemf
+from tactape_fab.verify.spec_record import contradictions
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
 from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, check_measured, full_trips, quick_trip, trip_checks
 from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
@@ -116,7 +117,9 @@ def _read_record(manifest_file: Path) -> _Record:
 def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Trip]) -> Iterator[Check]:
     """Every line as soon as it is known, those of other programs last; contacts that are not quick are added to `trips`."""
     tape, kind, film = record.tape, record.kind, record.film
-    yield Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}")
+    problems = contradictions(record.manifest, tape)
+    said = named([p.message for p in problems]) if problems else f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}"
+    yield Check(name="manifest", passed=not problems, message=said)
     listed, file_checks = read_files(manifest_file.parent, record.manifest, count_of(tape))
     backings = () if film is None else tuple(film.film.backings)
     expected = roles_of(tape, kind, models=record.form is not None, backings=backings)

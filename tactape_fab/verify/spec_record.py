@@ -1,0 +1,79 @@
+"""The spec that a manifest records: whether it says the same tape, film and solid as the rest of the manifest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from tactape_fab.base.errors import Problem
+from tactape_fab.base.fields import shown
+from tactape_fab.texture.directions import USUAL_DIRECTIONS
+from tactape_fab.texture.tape import Tape
+
+_PROFILE_FILE = ".toml"
+"""Ending of a profile of the user's own, whose name may be any."""
+
+
+def of_tape(tape: Tape) -> dict[str, Any]:
+    """Options of a spec as the manifest's tape has them; some of None are those that it does not tell."""
+    board = tape.board
+    return {
+        "sector": tape.sector,
+        "name": tape.name,
+        "code": tape.code,
+        "origin": list(tape.origin),
+        "pitch_mm": tape.pitch_mm,
+        "displacement_mm": tape.displacement_mm,
+        "size_mm": list(board.size_mm),
+        "corner_radius_mm": board.corner_radius_mm,
+        "holes_mm": [list(hole) for hole in board.holes],
+        "rotation_deg": tape.part.rotation_deg,
+        "tag_id": None if tape.tag is None else tape.tag.id,
+    }
+
+
+def other_values(values: Mapping[str, Any], known: Mapping[str, Any]) -> list[Problem]:
+    """Options of a spec that are not the `known` ones."""
+    return [
+        Problem(key, f"spec.{key} = {shown(values.get(key))} is not that of the tape, {shown(value)}")
+        for key, value in known.items()
+        if values.get(key) != value and not (key == "origin" and values.get(key) == "best")
+    ]
+
+
+def contradictions(content: Mapping[str, Any], tape: Tape) -> list[Problem]:
+    """Options that the spec of a manifest of any version gives, and that say another thing than the manifest does elsewhere."""
+    spec = content.get("spec")
+    values = {key: value for key, value in spec.items() if value is not None} if isinstance(spec, Mapping) else {}
+    known = {**of_tape(tape), **dict(_elsewhere(content, tape, values))}
+    return other_values(values, {key: value for key, value in known.items() if key in values})
+
+
+def _elsewhere(content: Mapping[str, Any], tape: Tape, values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Options that the manifest has beside the tape's own."""
+
+    def table(key: str) -> Mapping[str, Any]:
+        found = content.get(key)
+        return found if isinstance(found, Mapping) else {}
+
+    fab, solid, cylinder = table("fab"), table("solid"), table("solid").get("cylinder")
+    profiles = {"fab": fab.get("name"), "part": tape.part.name, "process": table("process").get("name")}
+    yield from ((key, name) for key, name in profiles.items() if not str(values.get(key)).endswith(_PROFILE_FILE))
+    yield "directions", content.get("directions", USUAL_DIRECTIONS)
+    yield "tag", "none" if tape.tag is None else "strip"
+    if tape.tag is not None:
+        yield "tag_cell_mm", tape.tag.cell_mm
+    if fab:
+        yield "anchor", table("anchor").get("mode", "none")
+        yield from ((key, content.get(key)) for key in ("stiffener", "adhesive"))
+    if "coverlay_mode" in fab:
+        yield "coverlay", fab["coverlay_mode"]
+    yield from ((key, table("assembly")[name]) for key, name in _OF_ASSEMBLY.items() if name in table("assembly"))
+    yield from ((key, solid[key]) for key in ("base_mm", "negative", "top", "mark") if key in solid)
+    if solid:
+        of_cylinder = cylinder if isinstance(cylinder, Mapping) else {}
+        yield from ((key, of_cylinder.get(name)) for key, name in _OF_CYLINDER.items())
+
+
+_OF_ASSEMBLY = {"assembly": "format", "part_number": "part_number"}
+_OF_CYLINDER = {"cylinder_mm": "radius_mm", "around": "around", "shell": "shell"}
