@@ -15,7 +15,14 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.files.recording_kinds import DATASET, Opened, Stamped, some_of
+from tactape_fab.sense.files.recording_kinds import (
+    DATASET,
+    MOST_TIMES_PACKED,
+    MOST_UNPACKED_BYTES,
+    Opened,
+    Stamped,
+    some_of,
+)
 from tactape_fab.sense.raw.colour_images import by_number
 from tactape_fab.sense.raw.image_files import unpacked_colour, unpacked_grey
 from tactape_fab.sense.sensors import MOST_PX
@@ -24,7 +31,9 @@ _MOST_INFO_BYTES, _MOST_IMAGE_BYTES, _MOST_GROUP_BYTES, _MOST_FILES = 1 << 24, 1
 _BLANK_BYTES, _MOST_PACKED = 1 << 28, 100
 """Unpacked bytes of a group of rows for a byte of its file, beyond the first: pyarrow takes five times as much memory."""
 _THRIFT = {"thrift_string_size_limit": 1 << 27, "thrift_container_size_limit": 1 << 22}
-_ROWS = 8
+_ROWS, _VALUES = 8, 1 << 22
+"""Rows that are read at once, and values of arrays in them: equal ones take no room in a file, however many they are."""
+_TABLES = "data/**/*.parquet"
 _UNSURE = "than its tables have rows, so that no image's time is sure; record it again, or leave out that episode"
 _FLOATS = ("float32", "float64", "uint16", "int16")
 
@@ -73,10 +82,10 @@ def _files(folder: Path, pattern: str) -> list[Path]:
     return found
 
 
-def _batches(folder: Path, columns: list[str]) -> Iterator[Any]:
-    """Rows of the dataset's tables, some at a time."""
+def _batches(folder: Path, columns: list[str], rows: int = _ROWS) -> Iterator[Any]:
+    """Rows of the dataset's tables, `rows` at a time."""
     parquet = library("pyarrow.parquet", "reading a LeRobot dataset")
-    for path in _files(folder, "data/**/*.parquet"):
+    for path in _files(folder, _TABLES):
         with open_regular(path) as stream:
             file = parquet.ParquetFile(stream, **_THRIFT)
             most = min(_MOST_GROUP_BYTES, _BLANK_BYTES + _MOST_PACKED * os.fstat(stream.fileno()).st_size)
@@ -84,18 +93,28 @@ def _batches(folder: Path, columns: list[str]) -> Iterator[Any]:
                 # no .column(k): a wrong size there is thrown through Cython, which ends the process (pyarrow 26.0.1)
                 if file.metadata.row_group(group).total_byte_size > most:
                     raise SpecError(f"rows of {path.name} unpack to more than {most} bytes at once; write smaller groups")
-            yield from file.iter_batches(batch_size=_ROWS, columns=columns)
+            yield from file.iter_batches(batch_size=rows, columns=columns)
 
 
 def _rows(folder: Path, topic: str, feature: dict[str, Any], colour: bool) -> Iterator[Stamped]:
-    for batch in _batches(folder, [topic, "timestamp"]):
+    arrays = feature["dtype"] != "image"
+    rows = min(max(_VALUES // (feature["shape"][0] * feature["shape"][1]), 1), _ROWS) if arrays else _ROWS
+    # equal rows take no room either: a million images from 150 kB
+    left = MOST_UNPACKED_BYTES + MOST_TIMES_PACKED * sum(path.stat().st_size for path in _files(folder, _TABLES))
+    for batch in _batches(folder, [topic, "timestamp"], rows):
         stamps = [float(value.as_py()) for value in batch.column("timestamp")]
         images = batch.column(topic)
-        if feature["dtype"] == "image":
-            found = (_picture(value.as_py(), folder, colour) for value in images)
-        else:
+        if arrays:
             found = iter(_arrays(images, len(stamps), feature["shape"]))
-        yield from zip(stamps, found, strict=True)
+        else:
+            found = (_picture(value.as_py(), folder, colour) for value in images)
+        for stamp, image in zip(stamps, found, strict=True):
+            left -= image.nbytes
+            if left < 0:
+                raise SpecError(
+                    "its images unpack to far more bytes than a dataset of its size has; write fewer of them that are equal"
+                )
+            yield stamp, image
 
 
 def _picture(value: Any, folder: Path, colour: bool) -> Any:

@@ -14,13 +14,20 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
-from tactape_fab.sense.files.recording_kinds import MCAP, OTHER_BAGS, UPRIGHT, Opened, Stamped, some_of
+from tactape_fab.sense.files.recording_kinds import (
+    MCAP,
+    MOST_TIMES_PACKED,
+    MOST_UNPACKED_BYTES,
+    OTHER_BAGS,
+    UPRIGHT,
+    Opened,
+    Stamped,
+    some_of,
+)
 from tactape_fab.sense.raw.colour_images import by_number
 
 MOST_CHUNK_BYTES = 1 << 28
 _MOST_CHANNELS = 10_000
-_MOST_UNPACKED_BYTES, _MOST_TIMES_PACKED = 1 << 30, 1000
-"""Bytes that the chunks of a file unpack to together, besides so many times its size: images without noise take 1/300 packed."""
 _MOST_RECORDS, _BYTES_OF_RECORD = 250_000, 8
 """Records in the packed chunks of a file, besides one for so many of its bytes. The shortest message takes 31 bytes unpacked."""
 _RECORD_BEGIN = 9
@@ -98,7 +105,7 @@ class _Budget:
     """Budget of what the packed chunks of a file unpack to: 20 kB of zstd unpack to eight million records."""
 
     def __init__(self, size: int) -> None:
-        self._bytes = _MOST_UNPACKED_BYTES + _MOST_TIMES_PACKED * size
+        self._bytes = MOST_UNPACKED_BYTES + MOST_TIMES_PACKED * size
         self._records = _MOST_RECORDS + size // _BYTES_OF_RECORD
 
     def taken(self, chunk: Any) -> Any:

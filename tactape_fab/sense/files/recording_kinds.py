@@ -15,6 +15,8 @@ OTHER_BAGS = (".db3", ".bag")
 """Endings of bags that nothing here reads: SQLite, and those of ROS 1."""
 UPRIGHT = ("tactape-fab", "upright depth image")
 """Metadata of our channels of depth images: `mcap merge` keeps it, and names itself alone in the file's header."""
+MOST_UNPACKED_BYTES, MOST_TIMES_PACKED = 1 << 30, 1000
+"""Bytes that a recording unpacks to altogether, besides so many times its size: images without noise take 1/300 packed."""
 
 _NAMED, _MOST_SHOWN = 20, 100
 """Topics or features that a message names, and characters of each: a file of 1 MB has 30,000, or one of 1 MB."""

@@ -9,7 +9,7 @@ import shlex
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -231,6 +231,35 @@ def test_arrays_of_a_dataset_are_decoded(default_kit: Kit, tmp_path: Path) -> No
     assert sum(one["located"] for one in expected) == COUNT
 
 
+def test_equal_images_are_not_unpacked_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows that are equal take no room in a table: as many of them as its size allows are unpacked, and then it is refused."""
+    one = np.zeros(SHAPE, np.uint16)
+    of_image = {"dtype": "image", "shape": [*SHAPE, 3]}
+    monkeypatch.setattr(lerobot_dataset, "MOST_TIMES_PACKED", 1)
+    monkeypatch.setattr(lerobot_dataset, "MOST_UNPACKED_BYTES", 20 * one.nbytes)
+    assert open_recording(dataset(tmp_path / "few", of_image, pictures([one] * 20), count=20), SENSOR).count == 20
+    with pytest.raises(SpecError, match="unpack to far more bytes than a dataset of its size has; write fewer"):
+        open_recording(dataset(tmp_path / "many", of_image, pictures([one] * 400), count=400), SENSOR)
+    column = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(400 * one.size, np.float32)), one.size)
+    with pytest.raises(SpecError, match="unpack to far more bytes"):
+        open_recording(dataset(tmp_path / "arrays", {"dtype": "float32", "shape": list(SHAPE)}, column, count=400), SENSOR)
+
+
+def test_large_arrays_are_read_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, batches = list[int](), lerobot_dataset._batches
+
+    def counted(folder: Path, columns: list[str], rows: int = 0) -> Iterator[Any]:
+        for batch in batches(folder, columns, rows):
+            asked.append(batch.num_rows)
+            yield batch
+
+    monkeypatch.setattr(lerobot_dataset, "_batches", counted)
+    column = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(4 * 2048**2, np.float32)), 2048**2)
+    with pytest.raises(SpecError, match="holds frames of 2048 x 2048 px"):
+        open_recording(dataset(tmp_path / "set", {"dtype": "float32", "shape": [2048, 2048]}, column), SENSOR)
+    assert asked == [1] * 4
+
+
 def test_films_of_a_dataset_are_colour_images(tmp_path: Path) -> None:
     folder = dataset(tmp_path / "set", {"dtype": "video", "shape": [*SHAPE, 3]}, None)
     film(
@@ -407,8 +436,8 @@ def test_what_is_wrong_is_said_in_one_line(
     made: Callable[[Path], Path], said: str, small_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mcap_images, "MOST_CHUNK_BYTES", 1 << 24)
-    monkeypatch.setattr(mcap_images, "_MOST_UNPACKED_BYTES", 1 << 24)
-    monkeypatch.setattr(mcap_images, "_MOST_TIMES_PACKED", 1)
+    monkeypatch.setattr(mcap_images, "MOST_UNPACKED_BYTES", 1 << 24)
+    monkeypatch.setattr(mcap_images, "MOST_TIMES_PACKED", 1)
     monkeypatch.setattr(lerobot_dataset, "_BLANK_BYTES", 1 << 22)
     monkeypatch.setattr(lerobot_dataset, "_MOST_PACKED", 1)
     path = made(tmp_path)
