@@ -39,6 +39,8 @@ _MOST_BLEED = 0.3
 
 GrayImage = npt.NDArray[np.uint8]
 _F32 = npt.NDArray[np.float32]
+_Start = tuple[FloatArray, FloatArray]
+"""Rotation and translation of a tag, to start from."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,7 +92,7 @@ def refine_tag_pose(
     image : array_like of uint8, shape (h, w)
         The detector's picture, gray.
     rotation : array_like, shape (3, 3)
-        Of the tag in the camera's frame, as detectors give it (``pose_R``).
+        Of the tag in the camera's frame, as detectors give it (``pose_R``), whether they know the lens or not.
     translation_mm : array_like, shape (3,) or (3, 1)
         Of the tag's centre there (``pose_t``), mm.
     camera_matrix : array_like, shape (3, 3)
@@ -118,9 +120,18 @@ def refine_tag_pose(
         raise FrameError(
             f"a picture of shape {picture.shape} and type {picture.dtype} is invalid; give (h, w) gray levels, uint8"
         )
-    seen = _pixels(picture, turn, shift, matrix, lens, tag.cell_mm)
-    found = [_fitted(seen, tag.id, tag.cell_mm, *start) for start in _starts(turn, shift, tag_side_mm(tape))]
-    best = max(found, key=lambda pose: pose.fit)
+    views: list[tuple[float, _Seen, list[_Start]]] = []
+    for starts in _starts(turn, shift, tag_side_mm(tape), matrix, lens):
+        try:
+            seen = _pixels(picture, *starts[0], matrix, lens, tag.cell_mm)
+        except FrameError as error:
+            refused = error
+            continue
+        views.append((max(_fit_at(seen, tag.id, tag.cell_mm, *start) for start in starts), seen, starts))
+    if not views:
+        raise refused
+    _, seen, starts = max(views, key=lambda view: view[0])
+    best = max((_fitted(seen, tag.id, tag.cell_mm, *start) for start in starts), key=lambda pose: pose.fit)
     if not best.fit >= _LEAST_FIT:
         raise FrameError(
             f"the picture does not show tag {tag.id} there (correlation {best.fit:.2f}); give the detector's own pose"
@@ -128,19 +139,31 @@ def refine_tag_pose(
     return best
 
 
-def _starts(rotation: FloatArray, translation_mm: FloatArray, side_mm: float) -> list[tuple[FloatArray, FloatArray]]:
-    """The pose itself, and the other one with a similar image of a small square."""
-    cv2 = library("cv2", "fitting a tag to a picture")
-
+def _starts(
+    rotation: FloatArray, translation_mm: FloatArray, side_mm: float, matrix: FloatArray, lens: FloatArray | None
+) -> list[list[_Start]]:
+    """The pose itself, and the other one with a similar image of a small square; both again for a detector without the lens."""
     half = side_mm / 2
     square = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
     points = square @ rotation.T + translation_mm
+    if not (points[:, 2] > 0.0).all():
+        raise FrameError("the tag is not wholly in front of the camera; give the detector's own pose")
     seen = points[:, :2] / points[:, 2:]
-    # a square seen from afar looks nearly alike at two tilts; IPPE gives both (Collins and Bartoli, 2014)
-    _, turns, shifts, _ = cv2.solvePnPGeneric(square, seen, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
-    starts = [(np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
-    apart = [np.abs(turn - rotation).max() for turn, _ in starts]
-    return [(rotation, translation_mm), starts[int(np.argmax(apart))]]
+    tilts = _tilts(square, seen)
+    apart = [np.abs(turn - rotation).max() for turn, _ in tilts]
+    starts = [[(rotation, translation_mm), tilts[int(np.argmax(apart))]]]
+    if lens is not None:
+        # AprilTag's pose is that of a pinhole camera: its corners are where the picture has them, seen through the lens
+        starts.append(_tilts(square, rays_of(seen * matrix[[0, 1], [0, 1]] + matrix[:2, 2], matrix, lens)[:, :2]))
+    return starts
+
+
+def _tilts(square: FloatArray, seen: FloatArray) -> list[_Start]:
+    """Both tilts at which a square seen from afar looks nearly alike, by IPPE (Collins and Bartoli, 2014)."""
+    cv2 = library("cv2", "fitting a tag to a picture")
+
+    _, turns, shifts, _ = cv2.solvePnPGeneric(square, np.ascontiguousarray(seen), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    return [(np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
 
 
 def _pixels(
@@ -228,13 +251,29 @@ def _residual(
     return seen.levels - design @ np.linalg.lstsq(design, seen.levels, rcond=None)[0], shape
 
 
+def _first(seen: _Seen, translation_mm: FloatArray) -> FloatArray:
+    """Values of `_residual` to start from."""
+    return np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])
+
+
+def _fit_at(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> float:
+    """Correlation of the picture with the printed tag at a pose as it is."""
+    return _correlation(seen, _residual(seen, tag_id, cell_mm, rotation, _first(seen, translation_mm))[1])
+
+
+def _correlation(seen: _Seen, shape: FloatArray) -> float:
+    spread = float(shape.std() * seen.levels.std())
+    covaried = float(np.mean((shape - shape.mean()) * (seen.levels - seen.levels.mean())))
+    return covaried / spread if spread > 0.0 else 0.0
+
+
 def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> TagPose:
     """Least squares by Levenberg and Marquardt, from one start."""
     cv2 = library("cv2", "fitting a tag to a picture")
 
     # steps of differences, and the unit of `step`: mrad, 1e-4 of the distance, ln of the blur, cells
     scale = np.array([1e-3] * 3 + [1e-4 * float(translation_mm[2])] * 3 + [0.05, 0.02])
-    values = np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])
+    values = _first(seen, translation_mm)
     low, high = np.log(hypot(0.2, seen.smoothed_px) / seen.px_per_cell), np.log(2.0)
     (off, shape), damping = _residual(seen, tag_id, cell_mm, rotation, values), 1e-3
     for _ in range(_MOST_STEPS):
@@ -264,11 +303,9 @@ def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, tran
         values, off, shape, damping = moved, new, new_shape, max(damping / 5.0, 1e-9)
         if np.abs(step[:6]).max() < _ENOUGH:
             break
-    spread = float(shape.std() * seen.levels.std())
-    covaried = float(np.mean((shape - shape.mean()) * (seen.levels - seen.levels.mean())))
     return TagPose(
         rotation=np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation,
         translation_mm=values[3:6].copy(),
-        fit=covaried / spread if spread > 0.0 else 0.0,
+        fit=_correlation(seen, shape),
         blur_px=sqrt(max((float(np.exp(values[6])) * seen.px_per_cell) ** 2 - seen.smoothed_px**2, 0.0)),
     )

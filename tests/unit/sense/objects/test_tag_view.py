@@ -111,6 +111,30 @@ def test_a_mirrored_tilt_is_put_right() -> None:
     assert found.rotation == pytest.approx(turn, abs=2e-3) and found.translation_mm == pytest.approx(shift, abs=0.2)
 
 
+@pytest.mark.parametrize("known", [True, False], ids=["lens known", "lens not known"])
+def test_a_detector_s_pose_is_refined_whether_it_knows_the_lens_or_not(known: bool) -> None:
+    """AprilTag takes every camera for a pinhole: through a lens its pose is far off, and the tag not where it says."""
+    lens = np.array([-0.2, 0.06, 0.001, -0.0005, 0.0])
+    of, rng = camera.printed(2.0), np.random.default_rng(5)
+    turn, shift = np.asarray(cv2.Rodrigues(np.array([0.4, 0.2, 0.5]))[0]), np.array([-75.0, 50.0, 260.0])
+    straight = camera.photograph(of, turn, shift, rng)
+    (width, height), half = camera.SIZE_PX, tag_side_mm(of.tape) / 2
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(np.float64)
+    at, back = pixels, np.linalg.inv(camera.CAMERA).T
+    for _ in range(20):  # where the straight picture has what each pixel sees
+        rays = np.column_stack([at, np.ones(len(at))]) @ back
+        at = at + pixels - np.reshape(cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.CAMERA, lens)[0], (-1, 2))
+    map_u, map_v = at.T.reshape(2, height, width).astype(np.float32)
+    picture = np.asarray(cv2.remap(straight, map_u, map_v, cv2.INTER_CUBIC), dtype=np.uint8)
+    square = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
+    corners = np.reshape(cv2.projectPoints(square, cv2.Rodrigues(turn)[0], shift, camera.CAMERA, lens)[0], (-1, 2))
+    taken = lens if known else None
+    _, told, there = cv2.solvePnP(square, corners, camera.CAMERA, taken, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    found = refine_tag_pose(of.tape, picture, np.asarray(cv2.Rodrigues(told)[0]), np.ravel(there), camera.CAMERA, lens)
+    assert found.fit > 0.99
+    assert found.rotation == pytest.approx(turn, abs=5e-3) and found.translation_mm == pytest.approx(shift, abs=0.3)
+
+
 def test_a_tag_of_more_pixels_than_16_bits_count_is_refined() -> None:
     of = camera.printed(2.0).tape
     assert of.tag is not None
@@ -136,6 +160,8 @@ def test_pictures_without_the_tag_are_refused() -> None:
         refine_tag_pose(of.tape, np.zeros_like(noise), *pose, camera.CAMERA)
     with pytest.raises(FrameError, match="not wholly inside"):
         refine_tag_pose(of.tape, noise, pose[0], pose[1] + [300.0, 0.0, 0.0], camera.CAMERA)
+    with pytest.raises(FrameError, match="not wholly in front"):
+        refine_tag_pose(of.tape, noise, pose[0], -pose[1], camera.CAMERA)
     with pytest.raises(FrameError, match="covers"):
         refine_tag_pose(of.tape, noise, pose[0], pose[1] * 40, camera.CAMERA)
     with pytest.raises(FrameError, match="gray levels"):
