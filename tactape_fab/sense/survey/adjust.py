@@ -288,7 +288,10 @@ class _Arm:
         mm, rad = np.median(off, axis=0).tolist()
         if (np.median(off / most, axis=0) > 1.0).any():
             message = f"poses of the robot do not fit the contacts: half of them are {mm:.2g} mm or {np.degrees(rad):.2g} deg off"
-            remedy = "give those of these frames, counted from 0, x, y, z in mm, the quaternion as qw,qx,qy,qz with qw first"
+            remedy = (
+                "give those of these frames, counted from 0, x, y, z in mm, the quaternion as qw,qx,qy,qz with qw first, of the "
+                "sensor itself, or of the flange with --hand-eye"
+            )
             raise SpecError(Problem("poses", f"{message}; {remedy}"))
 
     def added(self, normal: FloatArray, right: FloatArray, poses: FloatArray) -> None:

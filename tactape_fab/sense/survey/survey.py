@@ -239,7 +239,9 @@ def _once(frames: Iterable[npt.NDArray[Any]]) -> Iterator[npt.NDArray[Any] | Non
     """Frames; None for each that is an earlier one value by value: its errors are the same, so it says nothing more."""
     before: set[bytes] = set()
     for depth in frames:
-        digest = sha256(depth.tobytes()).digest()
+        # as the decoder reads them: a copy that was saved in another type is the same frame
+        with np.errstate(over="ignore", invalid="ignore"):
+            digest = sha256(depth.astype(np.float32).tobytes()).digest()
         yield None if digest in before else depth
         before.add(digest)
 

@@ -128,6 +128,11 @@ def test_a_robot_holds_what_touch_alone_does_not(tmp_path: Path) -> None:
     others = tuple(replace(pose, frame=(pose.frame + 1) % len(learn)) for pose in robot)
     with pytest.raises(SpecError, match=r"poses of the robot do not fit the contacts: half of them are .* counted from 0"):
         surveyed(tmp_path, learn, robot=others)
+    # the flange straight above, 60 mm from the sensor's axis: nothing is wrong with its tilt
+    reach = [60.0 * np.exp(1j * np.radians(pose.theta_deg)) for pose in robot]
+    flange = tuple(replace(p, x_mm=p.x_mm + r.real, y_mm=p.y_mm + r.imag) for p, r in zip(robot, reach, strict=True))
+    with pytest.raises(SpecError, match=r"of the sensor itself, or of the flange with --hand-eye"):
+        surveyed(tmp_path, learn, robot=flange)
     some = tuple(replace(pose, x_mm=pose.x_mm + 40.0 * (pose.frame % 10 == 0)) for pose in robot)
     assert errors(surveyed(tmp_path, learn, robot=some), drifted)[:, 0].std() < 0.02  # those that are lost weigh little
     for name, given in (("touch", ()), ("robot", tuple(robot))):
@@ -175,6 +180,13 @@ def test_frames_that_are_there_twice_count_once(tmp_path: Path) -> None:
     once, twice = surveyed(tmp_path, learn), surveyed(tmp_path, (*learn, *learn))
     assert (twice.frames, twice.contacts) == (80, 40)
     assert np.array_equal(twice.as_built.sigma_mm, once.as_built.sigma_mm)
+
+
+def test_frames_that_are_there_in_two_types_count_once(tmp_path: Path) -> None:
+    """As of a file that was loaded, and saved again as float64."""
+    _, learn, _ = pressed(40)
+    wide = tuple(replace(frame, depth=frame.depth.astype(np.float64)) for frame in learn)
+    assert surveyed(tmp_path, (*learn, *wide)).contacts == 40
 
 
 def test_frames_that_are_located_at_last_do_not_count_the_others_twice(tmp_path: Path) -> None:
