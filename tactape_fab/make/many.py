@@ -7,11 +7,13 @@ import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from functools import partial
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tactape_fab.base.build_date import build_date, dated
 from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_path import as_path
@@ -198,7 +200,9 @@ def _in_processes(
     make: Callable[[Ordered, bool], Result], orders: Sequence[Ordered], workers: Workers
 ) -> Generator[Result | FailedKit]:
     """Result of each order in turn, as soon as it is known."""
-    results = mapped(partial(_answered, make, Path.cwd(), time.time()), orders, workers, lost=_lost, isolated=True)
+    # a worker of a cluster has an environment of its own
+    answered = partial(_answered, make, Path.cwd(), build_date(), time.time())
+    results = mapped(answered, orders, workers, lost=_lost, isolated=True)
     with closing(results):
         for order, result in zip(orders, results, strict=True):
             # a worker of a cluster may have written on a disk of its own
@@ -206,8 +210,10 @@ def _in_processes(
             yield result if there else _failed(order, TactapeError(f"{order.path} was made on another disk; {_SHARED}"))
 
 
-def _answered(make: Callable[[Ordered, bool], Result], folder: Path, since: float, order: Ordered) -> Result | FailedKit:
-    """Do one order in its own process, in the user's current folder so that relative paths are resolved there."""
+def _answered(
+    make: Callable[[Ordered, bool], Result], folder: Path, date: datetime, since: float, order: Ordered
+) -> Result | FailedKit:
+    """Do one order in its own process with the user's date, in their current folder so that relative paths are resolved there."""
     import cv2
 
     # processes are the workers: threads of OpenCV in each would only take cores from the others
@@ -217,7 +223,8 @@ def _answered(make: Callable[[Ordered, bool], Result], folder: Path, since: floa
     except OSError:
         return _failed(order, TactapeError(f"a worker does not see {folder}; {_SHARED}"))
     try:
-        return make(order, _stands(order.path, since))
+        with dated(date):
+            return make(order, _stands(order.path, since))
     except TactapeError as error:
         return _failed(order, error)
     except Exception as error:  # the others continue

@@ -19,7 +19,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab import TapeSpec, list_tapes, make_kit, make_kits, verify_kit
+from tactape_fab.base.pool import mapped
 from tactape_fab.cli import main
+from tactape_fab.make import many
 from tactape_fab.make.many import FailedKit, MadeKit
 from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 from tests.roundtrip.test_interrupted import Files, contents
@@ -58,6 +60,18 @@ def test_a_list_is_the_same_kits_as_one_by_one(here: Path) -> None:
     assert [row[:5] for row in rows[1:]] == [[f"tactape-s{s:03d}", str(s), "20x20", "8x12", "96"] for s in (3, 4, 9)]
     assert all(int(row[5]) > 30 and row[6] == "checks" for row in rows[1:])
     assert "made 3 of 3 kits in tactape-kits" in result.stderr
+
+
+def test_dates_are_those_of_who_asks(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def elsewhere(*args: Any, **how: Any) -> Any:
+        monkeypatch.delenv("SOURCE_DATE_EPOCH")  # as a cluster's worker, which has an environment of its own
+        return mapped(*args, **how)
+
+    monkeypatch.setattr(many, "mapped", elsewhere)
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1767225600")  # 2026-01-01
+    assert run(f"make --sectors 3 {SMALL} --jobs 1").exit_code == 0
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1767225600")
+    assert contents(here / "tactape-kits" / "tactape-s003") == small_kit(3, here / "3")
 
 
 def test_a_file_of_tapes_as_json(here: Path) -> None:
