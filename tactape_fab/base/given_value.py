@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -21,16 +23,23 @@ def refuse_other(value: object, kind: type | tuple[type, ...], key: str, what: s
         raise SpecError(Problem(key, f"{key} = {shown(value)} is no {what}; give {remedy}"))
 
 
+def unmasked(value: Any) -> Any:
+    """Values with NaN for those that a masked array masks; all others unchanged."""
+    if not isinstance(value, np.ma.MaskedArray) or value.dtype.kind not in "fiub":
+        return value
+    return np.where(np.ma.getmaskarray(value), np.nan, value.data)
+
+
 def as_numbers(
     value: object, shape: tuple[int | None, ...], key: str, remedy: str, *, finite: bool = True
 ) -> npt.NDArray[np.float64]:
-    """An array of numbers of a shape, in double precision.
+    """An array of numbers of a shape, in double precision; NaN for those that are masked.
 
     shape: Length along each axis; None for any.
     Raises SpecError if it is none, or not finite where that is asked for.
     """
     try:
-        array = np.asarray(value)
+        array = np.asarray(unmasked(value))
         if array.size and array.dtype.kind not in "fiu":
             raise TypeError
         array = array.astype(np.float64)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.given_value import unmasked
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -70,7 +71,7 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         If these are no points.
     """
     try:
-        xy = np.asarray(xy_mm, dtype=np.float64)
+        xy = np.asarray(unmasked(xy_mm), dtype=np.float64)
         board = np.empty(xy.shape)
         # axis by axis: numpy takes many times as long for operands of two numbers
         np.add(xy[..., 0], texture_origin_mm[0], out=board[..., 0])
@@ -101,7 +102,7 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         If these are no points.
     """
     try:
-        xy = np.asarray(xy_mm, dtype=np.float64)
+        xy = np.asarray(unmasked(xy_mm), dtype=np.float64)
         texture = np.empty(xy.shape)
         for axis in (0, 1):  # as above
             np.subtract(xy[..., axis], texture_origin_mm[axis], out=texture[..., axis])

@@ -62,6 +62,7 @@ from tactape_fab.sense import (
     sensor_on_object,
     simulate,
     simulate_forces,
+    simulate_frames,
     transform_message,
 )
 from tactape_fab.sense.raw.reconstruct import make_network
@@ -416,3 +417,16 @@ def test_an_array_is_no_option(key: str, call: Callable[[Any], object], array: A
     """One line that names the key, also of an array of several rows."""
     with pytest.raises(SpecError, match=rf"(?m)^{key} = array\(.*; give "):
         call(array)
+
+
+def test_what_is_masked_is_no_value() -> None:
+    pose = np.ma.array([(1.0, 2.0, 3.0)], mask=[(False, True, False)])
+    with pytest.raises(SpecError, match=r"^position_mm\[1\] = nan mm is not a finite number"):
+        simulate_frames(TAPE, 1, poses=pose)
+    with pytest.raises(SpecError, match=r"^parts holds a value that is not finite"):
+        simulate(TAPE, (1.0, 2.0), 3.0, parts=pose)
+    camera = np.diag((1.0, -1.0, -1.0)), (0.0, 0.0, 100.0), [(500.0, 0.0, 320.0), (0.0, 500.0, 240.0), (0.0, 0.0, 1.0)]
+    hidden = np.ma.array([(100.0, 200.0), (300.0, 210.0)], mask=[(True, True), (False, False)])
+    for way in (pixels_to_texture, texture_to_pixels):
+        assert np.isnan(way(TAPE, hidden, *camera)).tolist() == [[True, True], [False, False]]
+        assert np.isnan(way(TAPE, hidden[0], *camera)).all()

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
-from tactape_fab.base.given_value import refuse_other
+from tactape_fab.base.given_value import refuse_other, unmasked
 from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import Bundle
 from tactape_fab.sense.calibrate.hand_eye import HandEye
@@ -91,7 +91,7 @@ def without_repeats(images: Sequence[Frame]) -> tuple[list[Frame], list[str]]:
 
 def _numbers(given: npt.ArrayLike, index: int) -> Frame:
     try:
-        array = np.asarray(given)
+        array = np.asarray(unmasked(given))
         if array.dtype.kind not in "fiub" or array.ndim != 2 or min(array.shape) < 16:
             raise ValueError(f"shape {array.shape}, dtype {array.dtype}")
         with np.errstate(over="ignore", invalid="ignore"):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.given_value import as_numbers, refuse_other
+from tactape_fab.base.given_value import as_numbers, refuse_other, unmasked
 from tactape_fab.sense.decode.result import PLANAR, refuse_no_answer
 from tactape_fab.sense.files.answers import fix_json, object_json
 from tactape_fab.sense.objects.taped_object import TapedObject
@@ -164,7 +164,7 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
         If an argument is of another type.
     """
     refuse_other(sensor, SensorProfile, "sensor", "SensorProfile", "load_sensor(NAME)")
-    given = np.ma.filled(depth.astype(np.float64), np.nan) if isinstance(depth, np.ma.MaskedArray) else depth
+    given = unmasked(depth)
     if isinstance(given, np.ndarray) and given.dtype.kind == "b":  # as the decoder takes them
         given = given.astype(np.float32)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields
+from tactape_fab.base.given_value import unmasked
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, as_sensor
 from tactape_fab.sense.simulation.scene import Scene, as_scene
 from tactape_fab.texture.frames import FloatArray
@@ -55,7 +56,7 @@ def check_count(count: int) -> None:
 def checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:
     check_count(count)
     try:
-        rows = np.array(poses, dtype=np.float64)
+        rows = np.array(unmasked(poses), dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise SpecError(Problem("poses", f"poses is no array of numbers: {error}; give (x mm, y mm, theta deg) rows")) from error
     if rows.shape != (count, 3):

@@ -36,6 +36,14 @@ def test_what_is_not_finite_is_refused_unless_it_may_be() -> None:
     assert np.isnan(as_numbers([np.nan, 1.0], (2,), "xy", "points", finite=False)[0])
 
 
+def test_what_is_masked_is_not_known() -> None:
+    masked = np.ma.array([1.0, 2.0], mask=[True, False])
+    with pytest.raises(SpecError, match=r"^xy has a value that is not finite; give points$"):
+        as_numbers(masked, (2,), "xy", "points")
+    np.testing.assert_array_equal(as_numbers(masked, (2,), "xy", "points", finite=False), [np.nan, 2.0])
+    assert as_numbers(np.ma.array([1, 2]), (2,), "xy", "points").tolist() == [1.0, 2.0]
+
+
 def test_another_type_is_named_with_what_to_give() -> None:
     refuse_other("a", (str, type(None)), "name", "text", "a text")
     with pytest.raises(SpecError, match=r"^name = 3 is no text; give a text$") as caught:

@@ -37,6 +37,13 @@ def test_texture_and_board(texture_mm: tuple[float, float], board_mm: tuple[floa
     assert board_to_texture(board_mm, ORIGIN_MM) == pytest.approx(texture_mm, abs=1e-12)
 
 
+def test_a_masked_point_is_mapped_to_none() -> None:
+    points = np.ma.array([(1.0, 2.0), (3.0, 4.0)], mask=[(True, True), (False, False)])
+    for mapped in (texture_to_board, board_to_texture):
+        found, whole = mapped(points, (6.9, 48.25)), mapped(points.data, (6.9, 48.25))
+        assert np.isnan(found[0]).all() and found[1].tolist() == whole[1].tolist()
+
+
 def test_frames_map_arrays_of_any_shape() -> None:
     points = np.arange(24, dtype=np.float64).reshape(3, 4, 2)
     board = texture_to_board(points, ORIGIN_MM)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError
+from tactape_fab.base.given_value import unmasked
 from tactape_fab.sense.decode.dots.holes import Holes, find_holes
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
@@ -37,7 +38,7 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
     Raises FrameError when it is no array of real numbers, or not of the sensor's shape.
     """
     try:
-        frame = np.asarray(_unmasked(depth))
+        frame = np.asarray(unmasked(depth))
         # numpy's kinds: float, int, unsigned, bool. Complex, text and objects could be cast without an error
         if frame.dtype.kind not in "fiub":
             raise ValueError(f"dtype {frame.dtype}")
@@ -112,13 +113,6 @@ def _span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
         return float(image.min()), float(image.max())
 
 
-def _unmasked(values: npt.ArrayLike) -> npt.ArrayLike:
-    """Values with NaN for those that a masked array masks; all others unchanged."""
-    if not isinstance(values, np.ma.MaskedArray) or values.dtype.kind not in "fiub":
-        return values
-    return np.where(np.ma.getmaskarray(values), np.nan, values.data)
-
-
 def _fitted(frame: npt.NDArray[Any], image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """A frame in single precision, moved or scaled where that cannot hold most of it; `image` is the frame as it came.
 
@@ -146,7 +140,7 @@ def _fitted(frame: npt.NDArray[Any], image: npt.NDArray[np.float32]) -> npt.NDAr
 def dot_numbers(values: npt.ArrayLike) -> FloatArray:
     """Values as an array of real numbers. Raises FrameError."""
     try:
-        array = np.asarray(_unmasked(values))
+        array = np.asarray(unmasked(values))
         if array.dtype.kind not in "fiub":
             raise ValueError(f"dtype {array.dtype}")
         return array.astype(np.float64)
