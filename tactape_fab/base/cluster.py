@@ -13,10 +13,12 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import suppress
 from functools import partial
+from importlib.metadata import version
 from types import TracebackType
 from typing import Any, TypeVar
 
 from tactape_fab.base.errors import LostProcessError, TactapeError
+from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.libraries import library, versions_in_kits
 from tactape_fab.base.version import __version__
 
@@ -114,8 +116,8 @@ class ClusterPool(Executor):
 
 
 def _own() -> dict[str, str]:
-    """Versions that may decide a byte of an answer."""
-    return {"tactape-fab": __version__, **versions_in_kits()}
+    """Versions that may decide a byte of an answer: those of kits, and that of numba, without which kernels round otherwise."""
+    return {"tactape-fab": __version__, **versions_in_kits(), **({"numba": version("numba")} if COMPILED else {})}
 
 
 def _called(theirs: dict[str, str], function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:

@@ -19,6 +19,7 @@ import pytest
 
 from tactape_fab.base import cluster
 from tactape_fab.base.cluster import LostClusterError, OtherWorkerError, _called
+from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.pool import mapped
 from tests.thorough import only_thorough
 from tests.unit.base.test_mapped import drawn
@@ -130,4 +131,13 @@ def test_no_scheduler_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_worker_of_another_version_is_refused() -> None:
     with pytest.raises(OtherWorkerError, match=r"tactape-fab .* instead of 0\.0\.0; install the same versions there"):
         _called({"tactape-fab": "0.0.0"}, abs, (-1,), {})
+    assert _called(cluster._own(), abs, (-1,), {}) == 1
+
+
+@pytest.mark.skipif(not COMPILED, reason="numba is not installed")
+def test_a_worker_that_compiles_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = cluster._own()
+    monkeypatch.setattr(cluster, "COMPILED", False)
+    with pytest.raises(OtherWorkerError, match=r"has numba none instead of \d[\d.]+; install the same versions there"):
+        _called(asked, abs, (-1,), {})
     assert _called(cluster._own(), abs, (-1,), {}) == 1
