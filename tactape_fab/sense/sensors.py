@@ -75,7 +75,7 @@ class SensorProfile:
     scale_tolerance : float
         Largest relative error of `px_per_mm`: 0.1 is 10 %.
     mask : ndarray of bool, shape (height_px, width_px), or None
-        Read-only; True where the canonical image carries depth. None: everywhere.
+        A read-only copy; True where the canonical image carries depth. None: everywhere.
     slope_noise : float or None
         White noise of the measured slopes, root mean square a pixel, which `simulate` integrates to depth; None: `simulate` adds
         the white and the smooth noise above.
@@ -101,6 +101,12 @@ class SensorProfile:
     slope_noise: float | None = None
     geometry: Geometry = _UNCALIBRATED
     gel: Gel = _UNKNOWN_GEL
+
+    def __post_init__(self) -> None:
+        if isinstance(self.mask, np.ndarray) and self.mask.flags.writeable:
+            mask = np.array(self.mask)  # what is made of it once is kept, and who made it may fill the array anew
+            mask.setflags(write=False)
+            object.__setattr__(self, "mask", mask)
 
     @property
     def camera(self) -> Camera:

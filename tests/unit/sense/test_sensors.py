@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -186,3 +187,11 @@ def test_a_profile_says_the_blur_of_its_gel(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="blur_mm"):
         load_sensor(path)
     assert load_sensor("gelsight-mini").gel.blur_mm is None
+
+
+def test_a_profile_has_a_mask_of_its_own() -> None:
+    mask = np.ones((240, 320), dtype=bool)
+    profile = replace(load_sensor("generic"), mask=mask)
+    mask[:] = False
+    assert profile.mask is not None and profile.mask.all() and not profile.mask.flags.writeable
+    assert replace(profile, name="other").mask is profile.mask
