@@ -430,3 +430,9 @@ def test_what_is_masked_is_no_value() -> None:
     for way in (pixels_to_texture, texture_to_pixels):
         assert np.isnan(way(TAPE, hidden, *camera)).tolist() == [[True, True], [False, False]]
         assert np.isnan(way(TAPE, hidden[0], *camera)).all()
+
+
+def test_a_place_to_simulate_may_be_a_row_of_poses() -> None:
+    drawn = draw_poses(TAPE, 1, seed=3)
+    x, y, theta_deg = drawn[0].tolist()
+    np.testing.assert_array_equal(simulate(TAPE, drawn[0, :2], theta_deg), simulate(TAPE, (x, y), theta_deg))

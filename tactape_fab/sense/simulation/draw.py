@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,7 +83,7 @@ class Frames:
 
 def simulate(
     tape: Tape,
-    position_mm: Sequence[float],
+    position_mm: npt.ArrayLike,
     theta_deg: float,
     *,
     sensor: str | Path | SensorProfile = "gelsight-mini",
@@ -100,7 +100,7 @@ def simulate(
     Parameters
     ----------
     tape : Tape
-    position_mm : (float, float)
+    position_mm : array_like, shape (2,)
         S, the texture point under the image centre.
     theta_deg : float
         Turn of the sensor on the tape, counter-clockwise seen from above.

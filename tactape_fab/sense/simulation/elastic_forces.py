@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,9 +23,9 @@ from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 def simulate_forces(
     tape: Tape,
-    position_mm: Sequence[float],
+    position_mm: npt.ArrayLike,
     theta_deg: float,
-    forces_n: Sequence[float],
+    forces_n: npt.ArrayLike,
     *,
     sensor: str | Path | SensorProfile = "gelsight-mini",
     scene: Scene | None = None,
@@ -39,7 +38,7 @@ def simulate_forces(
     ----------
     tape, position_mm, theta_deg, sensor, parts
         As in `simulate`.
-    forces_n : sequence of float
+    forces_n : array_like, shape (n,)
         Normal forces, N.
     scene : Scene, optional
         With `elastic`, whose force is replaced; without it the default `ElasticContact`.
