@@ -27,6 +27,13 @@ class TapePart:
     top_mm: float | None = None
 
     @property
+    def relief(self) -> tuple[object, ...]:
+        """Its shape, size and, if it is long, direction: what a contact feels of it."""
+        # after half a turn a body is the same
+        turn_deg = self.rotation_deg % 180.0 if is_long(self.shape, self.body_mm) else 0.0
+        return self.shape, self.body_mm, turn_deg
+
+    @property
     def open_turns_deg(self) -> tuple[int, ...]:
         """Turns of a contact that the parts' own direction leaves open: both of half a turn, or all four of round parts."""
         return (0, 180) if is_long(self.shape, self.body_mm) else (0, 90, 180, 270)

@@ -148,7 +148,7 @@ class Localizer:
         if problems:
             raise SpecError(problems)
         registry = register(tapes, unregistered_share=unregistered_share if world == "open" else 0.0)
-        parts = {(tape.part.shape, tape.part.body_mm) for tape in registry.tapes}
+        parts = {tape.part.relief for tape in tapes}
         self._method = method
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
         part = registry.tapes[0].part if len(parts) == 1 else None

@@ -354,6 +354,12 @@ def test_bodies_that_are_long_leave_half_a_turn_open_and_others_four() -> None:
         assert replace(part, shape=shape, body_mm=body_mm).open_turns_deg == turns_deg
 
 
+def test_of_long_bodies_the_direction_is_felt_and_of_others_not() -> None:
+    assert replace(TAPE.part, rotation_deg=-135.0).relief == TAPE.part.relief != replace(TAPE.part, rotation_deg=135.0).relief
+    dome = replace(TAPE.part, shape="dome", body_mm=(0.5, 0.5, 0.2))
+    assert replace(dome, rotation_deg=0.0).relief == dome.relief != replace(dome, body_mm=(0.6, 0.6, 0.2)).relief
+
+
 def test_parts_are_where_the_design_has_them_unless_they_were_measured() -> None:
     assert TAPE.as_built is None and TAPE.present.tolist() == TAPE.placed.tolist()
     plain = TAPE.built_parts()

@@ -222,6 +222,16 @@ def test_equal_windows_are_never_answered() -> None:
     assert found.locate_dots(dots((8.0, 22.1))).tape == TAPE.name  # beyond the overlap
 
 
+def test_tapes_whose_parts_lie_otherwise_are_located_in_any_order() -> None:
+    """What the dots' shape says of a quarter turn holds for the tape whose parts lie so, and not for all that are registered."""
+    turned = replace(tape_of(33), part=replace(TAPE.part, rotation_deg=135.0))
+    depth = simulate(turned, *POSE, contact_mm=(7.0, 7.0), seed=4)
+    first, last = (Localizer(tapes, world="closed").locate(depth) for tapes in ([turned, TAPE], [TAPE, turned]))
+    assert first.tape == last.tape == turned.name
+    assert first.theta_deg == last.theta_deg and is_near(last, *POSE, mm=0.02, deg=0.4)
+    assert first.p_false == pytest.approx(last.p_false, rel=0.01)
+
+
 def test_a_stricter_limit_refuses() -> None:
     strict = Localizer([TAPE], max_p_false=1e-30)
     fix = strict.locate_dots(dots())
