@@ -20,6 +20,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from tactape_fab.base.kept_kernels import keep_whole
+
 
 @contextmanager
 def _absolute_folders() -> Iterator[None]:
@@ -118,18 +120,6 @@ def _untouched(**_options: Any) -> Callable[[Function], Any]:
     return decorate
 
 
-def _load(file: Any, load: Callable[[object], Any], key: object) -> Any:
-    """`IndexDataCacheFile.load` of numba, which ends with pickle's exception where a file is cut off, or names a class of another
-    version of this package: what is kept is forgotten then.
-    """
-    try:
-        return load(key)
-    except Exception:  # pickle raises nearly anything: AttributeError, EOFError, ImportError, UnpicklingError, ValueError
-        with suppress(OSError):
-            file.flush()
-        return None
-
-
 KEPT = COMPILED and _can_be_kept()
 """Whether compiled functions are cached on disk; else, as in a read-only installation without a home, each process compiles."""
 
@@ -156,15 +146,12 @@ if COMPILED:
     }
 
     def _kernel(**options: Any) -> Callable[[Function], Any]:
-        """A kernel that is compiled anew where what is kept of it cannot be read."""
-
         def decorate(function: Function) -> Any:
             if not Path(config.CACHE_DIR).is_absolute():  # type: ignore[attr-defined]
                 config.CACHE_DIR = ""  # type: ignore[attr-defined]  # the program may have had numba read its settings again
             with _absolute_folders():
                 compiled: Any = njit(**_options | options)(function)
-            if (file := getattr(compiled._cache, "_cache_file", None)) is not None:
-                file.load = partial(_load, file, file.load)
+            keep_whole(compiled)
             return compiled
 
         return decorate

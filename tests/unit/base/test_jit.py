@@ -5,12 +5,9 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import pickle
 import pkgutil
-import shutil
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +21,7 @@ from tactape_fab.sense import simulate
 from tactape_fab.sense.decode.dots import kth
 from tests.contacts import POSE, dots, tape_of
 from tests.thorough import costly
+from tests.unit.base.test_kept_kernels import ADDED
 
 DECODE = """
 import json, sys
@@ -87,53 +85,6 @@ def test_every_kernel_says_whether_numbers_may_be_reordered() -> None:
     assert len(kernels) > 60
     assert [name for name, kernel in kernels if "fastmath" not in kernel.targetoptions] == []
     assert kth.select.targetoptions["fastmath"] is False  # its callers have both
-
-
-ADDED = """
-import sys
-from tactape_fab.base.jit import kernel
-
-@kernel()
-def add(a, b):
-    return a + b
-
-print(add(1, 2), sum(add.stats.cache_hits.values()))
-"""
-
-
-def added(program: Path, kept: Path) -> str:
-    """Output of the program with a folder of kept kernels."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_CACHE_DIR": str(kept)}
-    line = [sys.executable, str(program)]
-    return subprocess.run(line, capture_output=True, encoding="utf-8", check=True, env=environment).stdout
-
-
-@pytest.fixture(scope="module")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the program and its kept kernel, which a second start reads."""
-    folder = tmp_path_factory.mktemp("compiled")
-    program = folder / "program.py"
-    program.write_text(ADDED, encoding="utf-8")
-    assert added(program, folder / "kept") == "3 0\n" and added(program, folder / "kept") == "3 1\n"
-    return folder
-
-
-@costly
-@pytest.mark.skipif(not jit.KEPT, reason="nothing is compiled, or kept")
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize("content", [b"", b"cut off", "class of another version"])
-def test_a_kept_kernel_that_cannot_be_read_is_compiled_anew(
-    kind: str, content: bytes | str, compiled: Path, tmp_path: Path
-) -> None:
-    kept = Path(shutil.copytree(compiled / "kept", tmp_path / "kept"))
-    (file,) = kept.rglob(f"*.{kind}")
-    if isinstance(content, str):
-        content = b"ctactape_fab.base.jit\nGone\n."
-        content = (
-            pickle.dumps(version("numba"), protocol=-1) if kind == "nbi" else b""
-        ) + content  # an index begins with numba's own
-    file.write_bytes(content)
-    assert added(compiled / "program.py", kept) == "3 0\n" and added(compiled / "program.py", kept) == "3 1\n"
 
 
 @pytest.mark.skipif(not jit.KEPT, reason="nothing is compiled, or kept")

@@ -1,0 +1,110 @@
+"""Compiled kernels on the disk: each is kept with a digest of all that it was made of, and taken again for the same alone.
+
+numba compares the date and size of one source file, and the function's own bytecode. A constant, or a kernel in another file that
+is compiled into this one, may have changed since, as where a checkout is updated. And numba writes the index before the code: a
+start that is killed between them, or finds the disk full, leaves the code of another version under the index of this one.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import cache, partial
+from hashlib import sha256
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base.errors import reason_of
+
+Key = tuple[Any, ...]
+
+
+def keep_whole(kernel: Any) -> None:
+    """Have a kernel that numba keeps on the disk be kept so; does nothing for one that is not kept.
+
+    It is compiled anew where what is kept of it cannot be read, or is of something else; and used where it cannot be kept.
+    """
+    kept, file = kernel._cache, getattr(kernel._cache, "_cache_file", None)
+    if file is not None:
+        file.load, file.save = partial(_load, kernel, file, file.load), partial(_save, kernel, file.save)
+        kept.save_overload = partial(_save_if_there_is_room, kept.save_overload, str(kept.cache_path))
+
+
+def _load(kernel: Any, file: Any, load: Callable[[Key], Any], key: Key) -> Any:
+    """`IndexDataCacheFile.load` of numba, which ends with pickle's exception where a file is cut off, or names a class of another
+    version of this package: what is kept is forgotten then.
+    """
+    try:
+        found = load(key)
+        if found is None:
+            return None
+        digest, data = found
+    except Exception:  # pickle raises nearly anything: AttributeError, EOFError, ImportError, UnpicklingError, ValueError
+        with suppress(OSError):
+            file.flush()
+        return None
+    return data if digest == _digest(kernel, key) else None
+
+
+def _save(kernel: Any, save: Callable[[Key, Any], None], key: Key, data: Any) -> None:
+    save(key, (_digest(kernel, key), data))
+
+
+def _save_if_there_is_room(save: Callable[[Any, Any], None], folder: str, signature: Any, data: Any) -> None:
+    """`Cache.save_overload` of numba; that the disk is full does not end a program whose kernel is compiled."""
+    try:
+        save(signature, data)
+    except OSError as error:
+        _say_lost(folder, reason_of(error))
+
+
+@cache
+def _say_lost(folder: str, reason: str) -> None:
+    """Say once a process that something is not kept."""
+    logging.getLogger("tactape_fab").warning(
+        f"what is compiled cannot be kept in {folder}: {reason}; every start compiles it until there is room, or NUMBA_CACHE_DIR "
+        "is set to another folder"
+    )
+
+
+def _digest(kernel: Any, key: Key) -> str:
+    """SHA-256 of what a kernel and its arguments are; `key` is numba's, whose first item is the types of the arguments."""
+    return sha256(repr((_made_of(kernel), _fields(key[0]))).encode()).hexdigest()
+
+
+def _fields(types: Iterable[Any]) -> list[Any]:
+    """Names of the fields of named tuples among types: numba's types have the class alone, which is looked up anew."""
+    return [(getattr(getattr(t, "instance_class", None), "_fields", ()), _fields(getattr(t, "types", ()))) for t in types]
+
+
+@cache
+def _made_of(kernel: Any) -> str:
+    """SHA-256 of the code and options of a kernel and of all kernels that it reaches, and of their constants."""
+    digest, seen, todo = sha256(), {kernel}, [kernel]
+    while todo:
+        function, options = (of := todo.pop()).py_func, of.targetoptions
+        code = function.__code__
+        constants = [None if c is function.__doc__ else c for c in code.co_consts]
+        # numba compiles globals as constants
+        known = {name: function.__globals__[name] for name in code.co_names if name in function.__globals__}
+        named = [(name, _constant(value)) for name, value in known.items() if not hasattr(value, "py_func")]
+        digest.update(
+            repr((function.__qualname__, sorted(options.items()), code.co_code, code.co_names, constants, named)).encode()
+        )
+        for called in known.values():
+            if hasattr(called, "py_func") and called not in seen:
+                seen.add(called)
+                todo.append(called)
+    return digest.hexdigest()
+
+
+def _constant(value: Any) -> Any:
+    """A global as a kernel has it: a number or tuple of them, the bytes of an array, the fields of a named tuple's class."""
+    if isinstance(value, np.ndarray | np.generic):
+        return str(value.dtype), value.shape, value.tobytes()
+    if isinstance(value, type):
+        return getattr(value, "_fields", ())
+    return value if not callable(value) and not isinstance(value, ModuleType) else ""
