@@ -2,7 +2,8 @@
 
 The file is the line `tactape-registry/1`; the SHA-256 of all that follows, as a line of 64 hexadecimal digits; the length of the
 index, 8 bytes, the lowest first; the index, JSON; and the symbols of all tapes, a byte each, row by row. In the index `designs`
-are manifests without what differs from tape to tape, and `tapes` are rows of that. Symbols stay on the disk until they are used.
+are manifests without what differs from tape to tape, and `tapes` are rows of that. Of a large file symbols stay on the disk until
+they are used.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ from tactape_fab.texture.tape import NAME_PATTERN, Tape
 MOST_TAPES = 65_536
 MOST_INDEX_BYTES = 64 * 1024 * 1024
 MOST_BYTES = 4 * 1024**3
+MOST_HELD_BYTES = 64 * 1024 * 1024
+"""Of a file that is read into memory. What is mapped changes with the file, where another one is copied over it:
+frames are then compared with other symbols than were checked, or the system ends the process where the file is shorter (SIGBUS).
+"""
 _HEADER = len(PACKED_FIRST_LINE) + 64 + 1
 _OWN = ("name", "sector", "origin", "symbols", "symbols_sha256")
 """Keys of a manifest that differ from tape to tape, besides the tag's id."""
@@ -75,14 +80,16 @@ def is_packed(path: Path) -> bool:
 def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
     """The tapes of a packed registry, each with the name of its fab profile.
 
-    Every value is checked as that of a manifest, and symbols against the code. The file may be replaced meanwhile by another one
-    of its name, as `registry --pack` does it, but not be written to.
+    Every value is checked as that of a manifest, and symbols against the code. A file above `MOST_HELD_BYTES` may be replaced
+    by another one of its name while its tapes are used, as `registry --pack` does it, but not be written to.
 
     Raises SpecError if it cannot be read, is damaged, too large, or a tape is impossible.
     """
     try:
         with open_regular(path) as stream:
-            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+            data: bytes | mmap.mmap = stream.read(MOST_HELD_BYTES + 1)
+            if len(data) > MOST_HELD_BYTES:
+                data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     except (OSError, ValueError) as error:
         raise _refused(path, reason_of(error)) from error
     begin = _HEADER + 8

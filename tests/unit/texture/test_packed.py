@@ -90,6 +90,25 @@ def test_a_packed_registry_decodes_as_its_kits_do(tapes: list[Tape], tmp_path: P
     assert one == other
 
 
+def test_a_file_that_another_one_is_copied_over_leaves_its_tapes_as_they_were(tapes: list[Tape], tmp_path: Path) -> None:
+    """As by `cp` and `scp`, which write into the file, while a robot decodes with it."""
+    file, given = tmp_path / "tapes.registry", tapes[:2]
+    file.write_bytes(pack(given, ["", ""]))
+    read = read_tapes([file])
+    for content in (pack(given[::-1], ["", ""]), b""):
+        file.write_bytes(content)
+        assert all((a.symbols == b.symbols).all() for a, b in zip(read, given, strict=True))
+
+
+def test_a_file_that_is_too_large_for_memory_is_read_as_well(
+    tapes: list[Tape], packed: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "tapes.registry"
+    file.write_bytes(packed)
+    monkeypatch.setattr("tactape_fab.texture.packed.MOST_HELD_BYTES", 1000)
+    assert all((a.symbols == b.symbols).all() for a, b in zip(read_tapes([file]), tapes, strict=True))
+
+
 def test_the_command_packs_and_the_file_is_given_as_a_tape(tapes: list[Tape], tmp_path: Path) -> None:
     file, kit, frames = tmp_path / "shelf.registry", tmp_path / "kit", tmp_path / "frames.npz"
     kit.mkdir()
