@@ -13,7 +13,10 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of
 
-_SUFFIX = ".partial"
+UNFINISHED_SUFFIX = ".partial"
+"""End of the name of a file or folder that is being written; such a folder is never a kit."""
+_MOST_NAME_BYTES = 200
+"""Of a name in that of its unfinished file: file systems bound one in bytes, most of them at 255."""
 _AT_ONCE = 8
 """Files that are brought to the disk at a time: one by one, waiting for it takes a tenth of the time of a kit."""
 
@@ -69,6 +72,12 @@ def _is(ours: Callable[[Path], bool], path: Path) -> bool:
         return False
 
 
+def unfinished(path: Path) -> Path:
+    """A new path for what is not finished: hidden, in the same folder, as a link or a rename works within one file system."""
+    name = path.name.encode(errors="ignore")[:_MOST_NAME_BYTES].decode(errors="ignore")
+    return path.with_name(f".{name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}")
+
+
 def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
     """Write a file, whole or not at all: an older file stays until the new one has its name.
 
@@ -89,10 +98,7 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
         If it cannot be written; nothing is left of it.
     """
     refuse_taken_place(path, key, overwrite=overwrite)
-    # beside its place: os.link and rename work within one file system
-    # file systems bound a name in bytes, most of them at 255
-    name = path.name.encode(errors="ignore")[:200].decode(errors="ignore")
-    partial = path.with_name(f".{name}.{secrets.token_hex(4)}{_SUFFIX}")
+    partial = unfinished(path)
     try:
         try:
             # "x" refuses a file that is there: the random name cannot be taken over

@@ -9,7 +9,8 @@ from typing import Literal
 from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, named, shown, shown_path
 from tactape_fab.base.input_file import mode_of, sha256_of
-from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
+from tactape_fab.base.output_file import UNFINISHED_SUFFIX
+from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
 Overwrite = bool | Literal["edits", "same"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
-import secrets
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactape_fab.base.errors import TactapeError, reason_of
-from tactape_fab.base.output_file import sync_below, sync_folder
+from tactape_fab.base.output_file import UNFINISHED_SUFFIX, sync_below, sync_folder, unfinished
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
-from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX
+from tactape_fab.texture.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
     from tactape_fab.verify.signature import Signer
@@ -34,8 +33,7 @@ def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | 
     signer: Signs what the folder holds at the end.
     Raises TactapeError if the folder or a file in it cannot be written.
     """
-    # beside the target, so on the same file system: a rename is one step there alone
-    folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
+    folder = unfinished(target)
     new_parents = [parent for parent in target.parents if not parent.exists()]
     try:
         folder.mkdir(parents=True)

@@ -11,6 +11,7 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.json_text import parse_json
+from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 
 MANIFEST_FORMAT = "tactape-manifest/1"
 PANEL_FORMAT = "tactape-panel/1"
@@ -23,9 +24,6 @@ MANIFEST_NAME = "manifest.json"
 
 SIGNATURE_NAME = f"{MANIFEST_NAME}.sig"
 """File beside a manifest with the signature of who made the kit."""
-
-UNFINISHED_SUFFIX = ".partial"
-"""End of the name of a folder in which a kit is being built; such a folder is never a kit."""
 
 
 MOST_MANIFEST_BYTES = 16 * 1024 * 1024

@@ -14,8 +14,9 @@ from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
+from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Given, manifest_digest
-from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, find_manifest, read_manifest
+from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_manifest
 from tactape_fab.texture.packed import MOST_TAPES, is_packed, read_packed
 from tactape_fab.texture.panel_manifest import kits_of
 from tactape_fab.texture.tape import Tape, no_tape

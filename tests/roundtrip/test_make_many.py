@@ -19,11 +19,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab import TapeSpec, list_tapes, make_kit, make_kits, verify_kit
+from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 from tactape_fab.base.pool import mapped
 from tactape_fab.cli import main
 from tactape_fab.make import many
 from tactape_fab.make.many import FailedKit, MadeKit
-from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 from tests.roundtrip.test_interrupted import Files, contents
 from tests.thorough import thorough
 

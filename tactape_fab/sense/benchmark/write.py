@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import secrets
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from tactape_fab.base.errors import SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import sha256_of
-from tactape_fab.base.output_file import refuse_taken_place, sync_below, sync_folder, write_file
+from tactape_fab.base.output_file import refuse_taken_place, sync_below, sync_folder, unfinished, write_file
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense.benchmark.conditions import BARE_NAMES, CONDITIONS, FOREIGN, FOREIGN_NAMES, REGISTERED, tape_of
 from tactape_fab.sense.sensors import load_sensor
@@ -75,7 +74,7 @@ def write_benchmark(
     if table.problems:
         raise SpecError(table.problems)
     names = [name for name in CONDITIONS if name in only or not only]
-    partial = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.partial")
+    partial = unfinished(folder)
     try:
         (partial / "tapes").mkdir(parents=True)
         truth = _frames(partial / FRAMES, names, frames, seed, progress)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import secrets
 from collections.abc import Mapping
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.libraries import library
-from tactape_fab.base.output_file import refuse_taken_place
+from tactape_fab.base.output_file import refuse_taken_place, unfinished
 from tactape_fab.base.plain_text import toml_string
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
@@ -63,7 +63,7 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
         files[hand_eye] = (json.dumps(found.hand_eye.to_mapping(), indent=1) + "\n").encode()
     files[path] = profile_text(found, mask.name).encode()
     for at, data in files.items():
-        partial = at.with_name(f".{secrets.token_hex(4)}.{at.name}")
+        partial = unfinished(at).with_suffix(at.suffix)  # by which `load_sensor` knows a file
         try:
             partial.write_bytes(data)
             if at == path:
@@ -73,7 +73,8 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
             said = f"output = {shown_path(at)} cannot be written: {reason_of(error)}"
             raise TactapeError(f"{said}; what stood there is as it was; use another place") from error
         finally:
-            partial.unlink(missing_ok=True)
+            with suppress(OSError):
+                partial.unlink()
     return list(files)
 
 

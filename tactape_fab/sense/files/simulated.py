@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import io
 import json
-import secrets
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from tactape_fab.base.build_date import zip_date, zip_entry
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
-from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder
+from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder, unfinished
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, load_sensor
 from tactape_fab.sense.simulation.arguments import edge_problems
@@ -282,7 +282,7 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
     path: As `refuse_taken_file` gives it.
     frames: `count` of them.
     """
-    partial_path = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    partial_path = unfinished(path)
     try:
         with zipfile.ZipFile(partial_path, "w", zipfile.ZIP_DEFLATED) as archive:
             poses = np.empty((count, 3))
@@ -305,13 +305,15 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
                 np.lib.format.write_array(buffer, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
                 archive.writestr(_entry(name), buffer.getvalue())
         sync_file(partial_path)
+        refuse_taken_file(path)  # again: frames may have taken minutes
         partial_path.replace(path)
         sync_folder(path.parent)
     except OSError as error:
         message = f"output = {shown_path(path)} cannot be written: {reason_of(error)}"
         raise TactapeError(f"{message}; what stood there is as it was; use another place") from error
     finally:
-        partial_path.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial_path.unlink()
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

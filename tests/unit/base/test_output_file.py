@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tactape_fab.base.errors import SpecError, TactapeError
-from tactape_fab.base.output_file import write_file
+from tactape_fab.base.output_file import unfinished, write_file
 
 
 def names(folder: Path) -> list[str]:
@@ -119,3 +119,11 @@ def test_the_bytes_are_on_the_disk_before_the_name(tmp_path: Path, monkeypatch: 
 def test_any_name_that_the_file_system_takes_is_written(name: str, tmp_path: Path) -> None:
     write_file(tmp_path / name, b"data", "output", overwrite=False)
     assert [place.name for place in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", ["a" * 255, "\N{GRINNING FACE}" * 63, "a" * 199 + "\u00e9" * 28, "\udcff" * 255])
+def test_an_unfinished_file_has_a_name_wherever_the_file_has(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).touch()
+    first, second = unfinished(tmp_path / name), unfinished(tmp_path / name)
+    first.touch()
+    assert first != second and first.parent == tmp_path and first.name.startswith(".") and first.name.endswith(".partial")

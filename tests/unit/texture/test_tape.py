@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 
 from tactape_fab import Kit, Tape, TapeSpec
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.texture.manifest import MANIFEST_FORMAT, UNFINISHED_SUFFIX, find_manifest, read_manifest
+from tactape_fab.texture.manifest import MANIFEST_FORMAT, find_manifest, read_manifest
 from tests.measured import measured
 from tests.tapes import tape_at
 from tests.unit.base.test_fields import JSON

@@ -301,6 +301,23 @@ def test_only_a_simulated_file_is_replaced(small_kit: Kit, tmp_path: Path) -> No
     assert other.read_bytes() == measured
 
 
+@pytest.mark.parametrize("name", ["\N{GRINNING FACE}" * 60 + ".npz", "a" * 251 + ".npz"])
+def test_a_long_name_is_written_as_a_short_one(name: str, small_kit: Kit, tmp_path: Path) -> None:
+    simulate_file(small_kit.path, tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_what_comes_to_the_place_meanwhile_is_kept(small_kit: Kit, tmp_path: Path) -> None:
+    path = tmp_path / "f.npz"
+
+    def come(*_: object) -> None:
+        path.write_bytes(b"mine")
+
+    with pytest.raises(SpecError, match="no simulated file"):
+        simulate_file(small_kit.path, path, progress=come)
+    assert path.read_bytes() == b"mine" and list(tmp_path.iterdir()) == [path]
+
+
 def test_an_interrupted_run_leaves_the_old_file(small_kit: Kit, tmp_path: Path) -> None:
     path = tmp_path / "f.npz"
     simulate_file(small_kit.path, path)
