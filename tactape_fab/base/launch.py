@@ -13,8 +13,9 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ _KEPT = (
 _KEPT_PREFIXES = ("NUMBA_", "TACTAPE_", "OMP_", "OPENBLAS_", "MKL_")
 _FOLDER_LISTS = ("PATH", "LD_LIBRARY_PATH", "NODE_PATH")
 """Variables that list folders: an empty or relative entry is the current folder, or lies in it."""
+
+_of_thread = threading.local()
 
 
 def installed(names: Sequence[str]) -> str | None:
@@ -112,19 +115,61 @@ def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None
     Raises OSError when it cannot be started.
     Raises subprocess.TimeoutExpired.
     """
-    with _scratch(scratch) as folder:
-        return subprocess.run(
+    children: Children | None = getattr(_of_thread, "children", None)
+    with (
+        _scratch(scratch) as folder,
+        subprocess.Popen(
             command,
             # no terminal: a program that asks would wait for ever
             stdin=subprocess.DEVNULL,
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
-            timeout=timeout_s,
-            check=False,
             cwd=folder,
             env=environment(folder),
-        )
+        ) as child,
+        nullcontext() if children is None else children.ended_with(child),
+    ):
+        try:
+            out, err = child.communicate(timeout=timeout_s)
+        except BaseException:
+            child.kill()
+            raise
+    return subprocess.CompletedProcess(child.args, child.returncode, out, err)
+
+
+class Children:
+    """The programs that threads of a pool `run`: all are ended when the program that waits for the threads is to end itself."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: list[subprocess.Popen[str]] = []
+        self._stopped = False
+
+    def adopt(self) -> None:
+        """Count what the calling thread runs among them: the initializer of a ThreadPoolExecutor."""
+        _of_thread.children = self
+
+    def stop(self) -> None:
+        """End all that run, and each that a thread starts later."""
+        with self._lock:
+            self._stopped = True
+            for child in self._running:
+                child.kill()
+
+    @contextmanager
+    def ended_with(self, child: subprocess.Popen[str]) -> Iterator[None]:
+        """Context manager: a program is one of them."""
+        with self._lock:
+            self._running.append(child)
+            if self._stopped:
+                child.kill()
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._running.remove(child)
 
 
 def start(command: Sequence[str], scratch: Path, **settings: Any) -> subprocess.Popen[bytes]:

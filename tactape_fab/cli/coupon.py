@@ -6,7 +6,7 @@ from shlex import quote
 
 import click
 
-from tactape_fab.cli.exits import answers, clean_up_on_signals
+from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import number
 from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, purpose_lines, table_lines, verified_line
 
@@ -35,7 +35,6 @@ def coupon(
     \b
     Example: tactape-fab coupon --fab jlcpcb-fpc
     """
-    clean_up_on_signals()
     with answers():
         from tactape_fab.base.errors import Problem, SpecError
         from tactape_fab.kit.examine.coupon import examine_coupon

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.base.errors import Problem, tried
-from tactape_fab.cli.exits import answers, clean_up_on_signals
+from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import number, pair
 from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, purpose_lines, step_shown, verified_line
 
@@ -44,7 +44,6 @@ def emboss(
     \b
     Example: tactape-fab emboss tactape-s007 handle.stl --at 0,0,25
     """
-    clean_up_on_signals()
     with answers():
         from tactape_fab.make.emboss import emboss_kit
         from tactape_fab.solids.surface.charts import Placement, read_placement

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import sys
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -39,17 +40,29 @@ FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that failed its verification."""
 
 
-def clean_up_on_signals() -> None:
-    """Have a stop request, or a terminal that is closed, end the command as an error does: unfinished files are removed."""
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Context manager: a stop request, or a terminal that is closed, ends the command as an error does. Unfinished files are
+    removed, and so are temporary folders and processes. The program that calls the command has its own handlers again afterwards.
+    """
 
     def leave(number: int, _: object) -> NoReturn:
         sys.exit(128 + number)
 
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)  # Windows has no SIGHUP
-        # nohup has it ignored, and the command goes on
-        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, leave)
+    before: dict[int, Any] = {}
+    # Windows has no SIGHUP, and only a main thread may have handlers
+    if threading.current_thread() is threading.main_thread():
+        before = {int(n): signal.getsignal(n) for n in (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")) if n}
+    try:
+        for number, handler in before.items():
+            # nohup has it ignored, and the command goes on
+            if handler != signal.SIG_IGN:
+                signal.signal(number, leave)
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:  # one that no Python function set
+                signal.signal(number, handler)
 
 
 def fail(status: int, lines: Sequence[str]) -> NoReturn:

@@ -17,6 +17,7 @@ from click.shell_completion import CompletionItem
 
 from tactape_fab.base.plain_text import one_line
 from tactape_fab.base.version import __version__
+from tactape_fab.cli.exits import ended_by_signals
 
 # Matrices of the decoder and of `calibrate` are small: threads of OpenBLAS would wait for each other, and took seven times the
 # processor time of one on two busy cores. Sums are then also the same on any number of cores. Before numpy is imported.
@@ -76,8 +77,9 @@ def command(name: str) -> click.Command:
 
 
 _AGAIN_S = 0.05
-"""Time after which a Ctrl-C that was dropped is pressed again: the function that dropped it has returned by then."""
-INTERRUPTED = 130
+"""Time after which a signal that was dropped comes again: the function that dropped it has returned by then."""
+_OF_SIGNAL = 128
+INTERRUPTED = _OF_SIGNAL + signal.SIGINT
 """Exit status of a command that Ctrl-C ends: 128 and the number of the signal, as shells have it."""
 
 
@@ -92,7 +94,8 @@ class _Group(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with ended_by_signals():
+                return super().invoke(ctx)
         except click.UsageError as error:  # click names arguments as they are: `coupon *` takes whatever names a folder holds
             if error.message.isprintable():
                 raise
@@ -119,22 +122,23 @@ class _Group(click.Group):
             sys.unraisablehook = before
 
 
-def _press() -> None:
-    """Ctrl-C, in the main thread; a signal of the system where it has them, as that also ends what waits."""
+def _send(number: int) -> None:
+    """A signal to the main thread; one of the system where it has them, as that also ends what waits."""
     if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:
-        _thread.interrupt_main()
+        _thread.interrupt_main(signal.Signals(number))
 
 
 def _interrupted_again(dropped: sys.UnraisableHookArgs) -> None:
-    """Ctrl-C once more, a moment later, where Python prints the first one's traceback and goes on: in a function that is called
-    from C, as numba's compiler does for each kernel.
+    """Ctrl-C or a stop request once more, a moment later, where Python prints the first one's traceback and goes on: in a
+    function that is called from C, as numba's compiler does for each kernel.
     """
-    if not issubclass(dropped.exc_type, KeyboardInterrupt):
+    code = INTERRUPTED if issubclass(dropped.exc_type, KeyboardInterrupt) else getattr(dropped.exc_value, "code", None)
+    if not (isinstance(code, int) and code > _OF_SIGNAL):
         sys.__unraisablehook__(dropped)
         return
-    later = threading.Timer(_AGAIN_S, _press)
+    later = threading.Timer(_AGAIN_S, _send, [code - _OF_SIGNAL])
     later.daemon = True
     later.start()
 

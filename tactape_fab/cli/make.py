@@ -14,7 +14,7 @@ import click
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.check import avoid_option, examined_order, given_values, is_list, spec_values, tape_options
-from tactape_fab.cli.exits import answer, answers, clean_up_on_signals
+from tactape_fab.cli.exits import answer, answers
 from tactape_fab.cli.options import number, size, workers_option
 from tactape_fab.cli.printing import (
     clear_step,
@@ -108,7 +108,6 @@ def make(
               tactape-fab make --sector 7 --part dome --process sla
               tactape-fab make --sectors 0-9,20 --no-3d -o lab
     """
-    clean_up_on_signals()
     gc.set_threshold(_OBJECTS_A_COLLECTION)
     with answers():
         from tactape_fab.kit.examine.tape import Examined

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from tactape_fab.cli.exits import answers, clean_up_on_signals
+from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, degrees, kilopascals, length, micrometres, newtons, number, pair
 from tactape_fab.cli.printing import counted, echo_line, step_shown
 
@@ -68,7 +68,6 @@ def simulate(
     \b
     Example: tactape-fab simulate tactape-s007 -o frames.npz --count 100 --seed 1
     """
-    clean_up_on_signals()
     with answers():
         from tactape_fab.sense.files.simulated import simulate_file
 

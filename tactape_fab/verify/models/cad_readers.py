@@ -107,7 +107,9 @@ def read_by_others(
     Yields their lines, in a fixed order, that which takes longest last; waiting for them is what takes time. A missing reader
     is a line, and is not a failure.
     """
-    with tempfile.TemporaryDirectory(prefix="tactape-verify-") as scratch, ThreadPoolExecutor(core_count()) as pool:
+    children = launch.Children()
+    threads = ThreadPoolExecutor(core_count(), initializer=children.adopt)
+    with tempfile.TemporaryDirectory(prefix="tactape-verify-") as scratch, threads as pool:
         paths = {}
         for role, name in _FILE_NAMES.items():
             if role in files:
@@ -122,6 +124,7 @@ def read_by_others(
             yield _lines(runs[::-1], progress)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+            children.stop()  # after Ctrl-C or a stop request some may run for minutes
 
 
 def _lines(runs: Sequence[tuple[str, Future[list[Check]]]], progress: Callable[[str, int, int], None]) -> Iterator[Check]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -48,3 +50,16 @@ def test_a_program_keeps_nothing_in_the_current_folder(given: str, monkeypatch: 
     for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, str(tmp_path / "kept"))
     assert launch.environment(tmp_path)["NUMBA_CACHE_DIR"] == launch.environment(tmp_path)["XDG_CACHE_HOME"] == f"{tmp_path}/kept"
+
+
+def test_programs_of_threads_end_when_they_are_stopped() -> None:
+    """Also one that a thread starts afterwards."""
+    children = launch.Children()
+    command = launch.python_command("import time; print('begun', flush=True); time.sleep(60)")
+    begin = time.monotonic()
+    with ThreadPoolExecutor(1, initializer=children.adopt) as threads:
+        runs = [threads.submit(launch.run, command, timeout_s=60) for _ in range(2)]
+        time.sleep(0.5)
+        children.stop()
+    assert [run.result().returncode < 0 for run in runs] == [True, True] and time.monotonic() - begin < 30.0
+    assert launch.run(launch.python_command("print(1)"), timeout_s=60).stdout == "1\n"  # of no such thread

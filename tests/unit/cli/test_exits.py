@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 from time import process_time
 
 import click
@@ -13,7 +15,7 @@ from click.testing import CliRunner
 
 from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.cli import main
-from tactape_fab.cli.exits import answer, clean_up_on_signals, with_options
+from tactape_fab.cli.exits import answer, ended_by_signals, with_options
 
 HANGUP = getattr(signal, "SIGHUP", signal.SIGTERM)
 """Windows has none."""
@@ -69,6 +71,8 @@ def handlers() -> Iterator[None]:
         ("tactape_fab.make.panel.make_panel", "coupon"),
         ("tactape_fab.make.emboss.emboss_kit", "emboss KIT part.stl"),
         ("tactape_fab.sense.files.simulated.simulate_file", "simulate KIT -o frames.npz"),
+        ("tactape_fab.texture.certify.kits.registry", "registry KIT"),
+        ("tactape_fab.texture.registry.read_registered", "registry KIT --pack tapes.registry"),
     ],
 )
 def test_what_writes_cleans_up_when_it_is_asked_to_stop(
@@ -92,5 +96,30 @@ def test_what_writes_cleans_up_when_it_is_asked_to_stop(
 
 def test_a_command_under_nohup_outlives_its_terminal(handlers: None) -> None:
     signal.signal(HANGUP, signal.SIG_IGN)
-    clean_up_on_signals()
-    assert signal.getsignal(HANGUP) == signal.SIG_IGN
+    with ended_by_signals():
+        assert signal.getsignal(HANGUP) == signal.SIG_IGN
+
+
+def test_the_program_that_calls_a_command_keeps_its_handlers(handlers: None) -> None:
+    signal.signal(signal.SIGTERM, mine := lambda *_: None)
+    with ended_by_signals():
+        assert signal.getsignal(signal.SIGTERM) is not mine
+    assert signal.getsignal(signal.SIGTERM) is mine
+    with ThreadPoolExecutor(1) as threads:  # in a thread that can have none
+        assert threads.submit(CliRunner().invoke, main, ["profiles"]).result().exit_code == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, HANGUP])
+def test_a_signal_that_python_drops_comes_again(number: signal.Signals, handlers: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a handler is called within a function that is called from C, as numba's compiler does."""
+
+    class Dropping:
+        def __del__(self) -> None:
+            signal.raise_signal(number)
+
+    def drop() -> None:
+        Dropping()
+        Event().wait(10)
+
+    monkeypatch.setattr(type(main), "get_command", lambda *_: click.Command("drop", callback=drop))
+    assert CliRunner().invoke(main, ["drop"]).exit_code == 128 + number
