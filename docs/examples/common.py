@@ -14,6 +14,7 @@ from tactape_fab import Tape, TapeSpec, examine
 from tests.bench.marks import all_replaced, measured_line, stamp
 
 FloatArray = npt.NDArray[np.float64]
+Image = npt.NDArray[np.float32]
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE, FIGURES, PICTURES = DOCS / "applications.md", DOCS / "applications.json", DOCS / "figures"

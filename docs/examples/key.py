@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from common import BARE, TAPE, TRIALS, FloatArray, axes, keep, save, tape_of, way
+from common import BARE, TAPE, TRIALS, FloatArray, Image, axes, keep, save, tape_of, way
 
 from tactape_fab import Localizer, Tape, texture_to_board
 from tactape_fab.sense import Scene, simulate
@@ -34,13 +34,13 @@ def knurl(tape: Tape) -> FloatArray:
     return texture_to_board(np.concatenate([plain[~marked], mark]), tape.board.texture_origin_mm)
 
 
-def band(depth: FloatArray, px_per_mm: float) -> FloatArray:
+def band(image: Image, px_per_mm: float) -> Image:
     """What is as wide as a bump."""
-    image = depth.astype(np.float32)
-    return cv2.GaussianBlur(image, (0, 0), 0.12 * px_per_mm) - cv2.GaussianBlur(image, (0, 0), 0.6 * px_per_mm)
+    fine, coarse = (cv2.GaussianBlur(image, (0, 0), sigma_mm * px_per_mm) for sigma_mm in (0.12, 0.6))
+    return np.asarray(fine - coarse, dtype=np.float32)
 
 
-def relief_map(tape: Tape, relief: FloatArray) -> tuple[FloatArray, FloatArray]:
+def relief_map(tape: Tape, relief: FloatArray) -> tuple[Image, FloatArray]:
     """A map of the relief, stitched from frames of flat pads, and its origin (texture point of pixel (0, 0))."""
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0, tilt_mm_per_mm=(0.0, 0.0))
     low, high = np.array([-12.0, -10.0]), np.array([tape.columns - 1, tape.rows - 1]) * tape.pitch_mm + (12.0, 10.0)
@@ -57,7 +57,7 @@ def relief_map(tape: Tape, relief: FloatArray) -> tuple[FloatArray, FloatArray]:
     return band(whole, MAP_PX_PER_MM), low + 0.5 / MAP_PX_PER_MM  # the frame's middle is between four pixels
 
 
-def mapped(depth: FloatArray, chart: FloatArray, low: FloatArray) -> tuple[FloatArray, float]:
+def mapped(depth: Image, chart: Image, low: FloatArray) -> tuple[FloatArray, float]:
     """The pose (texture point, degrees) of best correlation with the map, over all angles and places."""
     step = int(R / MAP_PX_PER_MM)
     small = band(cv2.resize(depth, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA), MAP_PX_PER_MM)
@@ -84,7 +84,8 @@ def tip_error(position: FloatArray, theta_deg: float, true: FloatArray, true_deg
 
     def tip(at: FloatArray, angle_deg: float) -> FloatArray:
         c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-        return np.array([[c, -s], [s, c]]) @ (home + np.array([TIP_MM, 0.0]) - at)  # in the gripper, along its u and v
+        seen: FloatArray = np.array([[c, -s], [s, c]]) @ (home + np.array([TIP_MM, 0.0]) - at)  # the gripper's u, v
+        return seen
 
     c, s = np.cos(np.radians(true_deg)), np.sin(np.radians(true_deg))
     across = np.array([-s, c])  # the blade's side, in the gripper
@@ -105,8 +106,9 @@ def main(trials: int = TRIALS) -> None:
         true, true_deg = home + rng.uniform((-6.0, -3.0), (6.0, 3.0)), float(rng.uniform(-8, 8))
         grips.append(true - home)
         fix = localizer.locate(simulate(tape, true, true_deg, scene=SCENE, seed=k))
-        known = fix.position_mm is not None and fix.theta_deg is not None
-        at = (np.array(fix.position_mm), fix.theta_deg) if known else (home, 0.0)
+        at = (home, 0.0)
+        if fix.position_mm is not None and fix.theta_deg is not None:
+            at = (np.array(fix.position_mm), fix.theta_deg)
         own = mapped(simulate(tape, true, true_deg, scene=SCENE, seed=k, parts=relief), chart, low)
         for name, (position, theta_deg) in zip(names, (at, own, (home, 0.0)), strict=True):
             errors[name].append(tip_error(position, theta_deg, true, true_deg, home))

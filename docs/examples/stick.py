@@ -9,7 +9,7 @@ paper's baseline), but not where along it the grip is.
 from __future__ import annotations
 
 import numpy as np
-from common import BARE, TAPE, TRIALS, FloatArray, axes, keep, save, tape_of, way
+from common import BARE, TAPE, TRIALS, FloatArray, Image, axes, keep, save, tape_of, way
 
 from tactape_fab import Localizer, Tape
 from tactape_fab.sense import Mount, Scene, sensor_on_object, simulate
@@ -38,7 +38,7 @@ def tip_by_pose(mount: Mount, tape: Tape, position_mm: FloatArray, theta_deg: fl
     return in_sensor[:2]
 
 
-def tip_by_bar(depth: FloatArray, grip_mm: float) -> FloatArray:
+def tip_by_bar(depth: Image, grip_mm: float) -> FloatArray:
     """The tip from principal components of a smooth bar's imprint, with the nominal place of the grip along the stick."""
     level = depth - depth.min()
     v, u = np.nonzero(level > 0.6 * level.max())
@@ -48,7 +48,8 @@ def tip_by_bar(depth: FloatArray, grip_mm: float) -> FloatArray:
     _, _, rows = np.linalg.svd(points - middle, full_matrices=False)
     along = rows[0] if rows[0] @ (1.0, 0.0) > 0 else -rows[0]
     foot = middle - (middle @ along) * along  # the point of the middle line nearest the sensor's middle
-    return foot + (TIP_MM + grip_mm) * along
+    tip: FloatArray = foot + (TIP_MM + grip_mm) * along
+    return tip
 
 
 def scene_of(theta_deg: float) -> Scene:

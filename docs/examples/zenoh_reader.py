@@ -10,6 +10,7 @@ import json
 import struct
 import sys
 import time
+from typing import Any
 
 import zenoh
 from rosbags.typesys import Stores, get_typestore
@@ -33,9 +34,10 @@ def main(arguments: list[str]) -> None:
         last = 0
         for _ in range(int(rest[0]) if rest else 10**9):
             sample = poses.recv()
+            assert sample.attachment is not None, "no message of rmw_zenoh"
             number, sent_ns = struct.unpack_from("<qq", sample.attachment.to_bytes())
             late_ms, lost, last = (time.time_ns() - sent_ns) / 1e6, number - last - 1, number
-            pose = store.deserialize_cdr(sample.payload.to_bytes(), POSE)
+            pose: Any = store.deserialize_cdr(sample.payload.to_bytes(), POSE)
             at = pose.pose.pose.position
             print(f"{number} {pose.header.frame_id} {at.x:.6f} {at.y:.6f} m, {late_ms:.2f} ms late, {lost} lost", flush=True)
 
