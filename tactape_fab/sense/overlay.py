@@ -225,8 +225,6 @@ def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> Non
 
 def _draw_error(panel: Picture, fix: Localization) -> None:
     """Draw the ellipse of two standard deviations of the position, texture x right, y down, in a box labelled with its size."""
-    cv2 = library("cv2", "drawing a picture")
-
     centre = (panel.shape[1] / 2, 104.0)
     if fix.covariance is None:
         _write(panel, "no covariance", (60, 110), 0.45)
@@ -239,7 +237,7 @@ def _draw_error(panel: Picture, fix: Localization) -> None:
     _stroke(panel, (centre[0] - _ERROR_PX, centre[1]), (centre[0] + _ERROR_PX, centre[1]), _FIELD, 1)
     _stroke(panel, (centre[0], centre[1] - _ERROR_PX), (centre[0], centre[1] + _ERROR_PX), _FIELD, 1)
     shown = np.clip(ellipse_mm(fix.covariance) * 1000.0 * px_per_um, -_ERROR_PX, _ERROR_PX) + centre
-    cv2.polylines(panel, [np.rint(shown * 2**_SUBPIXEL).astype(np.int32)], True, _AGREEING, 2, cv2.LINE_AA, _SUBPIXEL)
+    _outline(panel, shown, _AGREEING, 2)
     _write(panel, f"2 sigma; box +-{half_um:g} um", (28, 18), 0.45)
     theta_deg = float(np.degrees(np.sqrt(fix.covariance[2, 2])))
     _write(panel, f"sigma {sigma_um[0]:.1f}, {sigma_um[1]:.1f} um, {theta_deg:.3f} deg", (8, 208), 0.42)
