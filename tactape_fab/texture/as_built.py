@@ -34,7 +34,8 @@ from tactape_fab.texture.manifest import MANIFEST_NAME
 NOMINAL = "none"
 """Given in the place of a file: the places of the design."""
 _FILE = "a file of measured places, or the folder of a kit"
-_OF_DESIGN = f"give as_built='{NOMINAL}' for the places of the design"
+TAKE_DESIGN = f"give as_built='{NOMINAL}'"
+_OF_DESIGN = f"{TAKE_DESIGN} for the places of the design"
 _OTHERWISE = f"measure this tape again, or {_OF_DESIGN}"
 LEAST_MEASURED = 10
 """Measured parts from which on their scatter says how far off the others may be."""

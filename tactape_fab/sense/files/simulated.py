@@ -27,7 +27,7 @@ from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.parts import Parts, built_parts_of, parts_from_cpl
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.sense.simulation.view import FARTHEST_MM
-from tactape_fab.texture.as_built import NOMINAL
+from tactape_fab.texture.as_built import NOMINAL, TAKE_DESIGN
 from tactape_fab.texture.manifest import find_manifest, read_manifest, safe_path
 from tactape_fab.texture.tape import Tape
 
@@ -218,8 +218,8 @@ def _tape(kit: str | Path, measured: str | None) -> Tape:
     try:
         return Tape.load(kit, as_built=measured)
     except SpecError as error:
-        kept = f"give as_built='{NOMINAL}'"
-        raise SpecError([replace(p, message=p.message.replace(kept, "leave out --from")) for p in error.problems]) from None
+        way = "leave out --from" if measured is None else "leave out --from and --as-built"
+        raise SpecError([replace(p, message=p.message.replace(TAKE_DESIGN, way)) for p in error.problems]) from None
 
 
 def _parts_from(source: str, tape: Tape, kit: str | Path) -> Parts | None:
