@@ -189,6 +189,8 @@ RULES = {
     "clearance of the class": ('"clearance": 0.1', '"clearance": 0.0'),
     "edge": ('"min_copper_edge_clearance": 0.3', '"min_copper_edge_clearance": 0.0'),
     "holes": ('"min_hole_to_hole": 0.5', '"min_hole_to_hole": 0.0'),
+    "tracks": ('"min_track_width": 0.1', '"min_track_width": 0.0'),
+    "tracks of the class": ('"track_width": 0.1', '"track_width": 0.2'),
     "not checked": ('"rule_severities": {}', '"rule_severities": {"clearance": "ignore"}'),
 }
 

@@ -102,7 +102,7 @@ def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded, mad
             *_tracks(found, shown),
             *_unexpected(found),
             *drawn_problems(found.lists, found.at, np.array(found.origin_mm), np.array(shown.fiducials_mm).reshape(-1, 2), made),
-            *rules_problems(project, made.limits_mm),
+            *rules_problems(project, made.limits_mm, shown.track_width_mm),
         ]
     except (ReadbackError, ValueError, TypeError, IndexError) as error:
         message = f"it is no board of KiCad with an origin, or it was cut off: {error}"

@@ -72,18 +72,20 @@ def drawn_problems(
     ]
 
 
-def rules_problems(project: bytes, limits_mm: Mapping[str, Any]) -> list[str]:
-    """Faults of a project's design rules."""
+def rules_problems(project: bytes, limits_mm: Mapping[str, Any], track_width_mm: float) -> list[str]:
+    """Faults of a project's design rules; lines are as wide as anchors', or without any (0) as the fab's least spacing."""
     try:
         content = parse_json(project)
         settings, (net_class,) = content["board"]["design_settings"], content["net_settings"]["classes"]
         rules, severities = dict(settings["rules"]), settings["rule_severities"]
         # KiCad takes the larger of the board's clearance and that of the net's class
-        rules["clearance of its class"] = net_class["clearance"]
+        rules |= {"clearance of its class": net_class["clearance"], "track width of its class": net_class["track_width"]}
         found = {key: float(value) for key, value in rules.items()}
     except (ValueError, KeyError, TypeError):
         return ["its project holds no design rules"]
     wanted = {key: limits_mm[rule] for key, rule in {**_RULES, "clearance of its class": "pad-pad"}.items() if rule in limits_mm}
+    if track_width_mm or "pad-pad" in limits_mm:
+        wanted |= dict.fromkeys(("min_track_width", "track width of its class"), track_width_mm or limits_mm["pad-pad"])
     wrong = [key for key, value in wanted.items() if found.get(key) != value]
     wrong += [] if severities in _SEVERITIES else ["rule_severities"]
     return [f"its project's {named(wrong)} are not the limits of the manifest's fab"] if wrong else []

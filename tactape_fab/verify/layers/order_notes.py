@@ -29,6 +29,7 @@ _FIGURE = r"(-?\d+(?:\.\d+)?)"
 _PRINT_AREA = re.compile(
     rf"^   Order number, [^\n]* only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm", re.MULTILINE
 )
+_FIELD = re.compile(rf"field of parts, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm")
 
 _ROW = re.compile(r"^   (\S(?:[^ \n]| (?! ))*) {2,}(\S[^\n]*)$", re.MULTILINE)
 _SPACING = ("least spacing of copper", "Min Track/Spacing", "stencil")
@@ -117,8 +118,18 @@ def _row_problems(
     yield from (f"they do not say the {labels[0]}" for labels in [*expected][:3] if told.isdisjoint(labels))
     if not all(rest.endswith("Do not ", 0, found.start()) for found in re.finditer(r"\bmerge\b", rest)):
         yield "they say 'merge' without 'Do not'"
+    width, height = map(_length, of.size_mm)
+    yield from _other_figures(rest, rf"one board of {_FIGURE} x {_FIGURE} mm", (width, height))
     if of.on_panel:
         return
+    last_mm = tuple(map(_length, tape.part_xy_mm()[-1].tolist()))
+    yield from _other_figures(rest, rf"The board alone \({_FIGURE} x {_FIGURE} mm\)", (width, height))
+    yield from _other_figures(rest, rf"and R{of.part_count} at {_FIGURE}, {_FIGURE} mm", last_mm)
+    low, high = (tape.part_xy_mm() - reach_mm(tape.part)).min(axis=0), (tape.part_xy_mm() + reach_mm(tape.part)).max(axis=0)
+    for box in _FIELD.findall(rest):
+        x0, x1, y0, y1 = map(float, box)
+        if x0 > low[0] or y0 > low[1] or x1 < high[0] or y1 < high[1]:
+            yield f"they protect x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm as the field of parts, and parts lie beyond it"
     x, y = map(_length, tape.part_xy_mm()[0].tolist())
     sentences = {
         rf"turned {_FIGURE} deg": {_length(tape.part.rotation_deg)},
@@ -132,6 +143,13 @@ def _row_problems(
         # every figure at that place of a sentence, and it must be there at least once
         if wrong := {*re.findall(pattern, rest)} ^ right:
             yield f"they say {named(sorted(wrong))} where {pattern.replace(_FIGURE, right.pop())!r} should stand"
+
+
+def _other_figures(text: str, pattern: str, right: tuple[str, ...]) -> Iterator[str]:
+    """Pairs of figures that are not the right ones, wherever the notes have such a sentence."""
+    for found in re.findall(pattern, text):
+        if found != right:
+            yield f"they say {', '.join(found)} where {', '.join(right)} should stand"
 
 
 def _expected_rows(
