@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 import numpy as np
+import shapely
 
 from tactape_fab.base.errors import Check, SpecError, reason_of
 from tactape_fab.base.fields import named, shown
@@ -23,6 +24,8 @@ from tactape_fab.base.templates import templates_folder
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.render.preview import MOST_PX
 from tactape_fab.texture.as_built_file import AS_BUILT_NAME
+from tactape_fab.texture.cpl import PLACEMENTS
+from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
@@ -57,6 +60,12 @@ _ATTRIBUTES = {
     *(b"fill", b"fill-opacity", b"fill-rule", b"stroke", b"stroke-width", b"stroke-linecap", b"stroke-linejoin"),
     *(b"stroke-dasharray", b"font-family", b"font-size", b"text-anchor", b"dominant-baseline"),
 }
+
+_TITLE = re.compile(rb"<title>([^<]{0,1000})</title>")
+_BODY = re.compile(rb'<use href="#bodies-\d{1,9}" x="(-?\d{1,9}\.\d{1,9})" y="(-?\d{1,9}\.\d{1,9})"')
+_SVG_ERROR_MM = 1e-3
+_NAMED_AS_CPL = tuple({house.ending for house in PLACEMENTS.values()})
+"""Endings that a preview's title may have: it is the placement list's, whose usual ending alone is taken off."""
 
 _NO_DIGITS = bytes.maketrans(b"123456789", b"0" * 9)
 
@@ -286,8 +295,11 @@ def _is_drawing(data: bytes) -> bool:
     return whole and inside and {*_TAG.findall(different)} <= _TAGS and {*_ATTRIBUTE.findall(different)} <= _ATTRIBUTES
 
 
-def check_picture(files: Mapping[str, WrittenFile]) -> Check:
-    """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2)."""
+def check_picture(files: Mapping[str, WrittenFile], name: str | None = None, parts_xy_mm: FloatArray | None = None) -> Check:
+    """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2).
+
+    name: The SVG's title. parts_xy_mm: Places of a film's parts, which the SVG must have, and no others.
+    """
     data = files["preview-png"].data
     height, width = png_size(data)
     # a few kilobytes of PNG can unpack to gigabytes
@@ -297,6 +309,26 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     svg_whole = all(map(_is_drawing, drawn))
     if image is None or not svg_whole:
         return Check(name="previews", passed=False, message=f"the {'PNG' if image is None else 'SVG'} cannot be opened")
-    return Check(
-        name="previews", passed=True, message=f"PNG {image.shape[1]} x {image.shape[0]} px and SVG; not compared: what they show"
-    )
+    names = () if name is None else (name, *(f"{name}{ending}" for ending in _NAMED_AS_CPL))
+    problem = _other_tape(files["preview-svg"].data, names, parts_xy_mm)
+    compared = "what they show" if parts_xy_mm is None else "what the PNG shows, and all but parts of the SVG"
+    right = f"PNG {image.shape[1]} x {image.shape[0]} px and SVG; not compared: {compared}"
+    return Check(name="previews", passed=problem is None, message=problem or right)
+
+
+def _other_tape(svg: bytes, names: Collection[str], parts_xy_mm: FloatArray | None) -> str | None:
+    """Why an SVG is of another tape or panel; None where nothing says so."""
+    title = _TITLE.search(svg)
+    if names and title is not None and html.unescape(title[1].decode("utf-8", "replace")) not in names:
+        return f"the SVG is of {shown(title[1].decode('utf-8', 'replace'))}"
+    if parts_xy_mm is None:
+        return None
+    places = np.array(_BODY.findall(svg), dtype=np.float64).reshape(-1, 2) * (1, -1)  # SVG has y down
+    if places.shape != parts_xy_mm.shape:
+        return f"the SVG shows {len(places)} parts, not {len(parts_xy_mm)}"
+    if np.abs(places - parts_xy_mm).max(initial=0.0) <= _SVG_ERROR_MM:
+        return None
+    # of several kinds of bodies each has its own part of the drawing: then not in the order of designators
+    near, _ = shapely.STRtree(shapely.points(places)).query(shapely.points(parts_xy_mm), "dwithin", _SVG_ERROR_MM)
+    off = len(parts_xy_mm) - len(np.unique(near))
+    return f"the SVG shows {off} parts in other places" if off else None

@@ -159,7 +159,7 @@ def _check_kit(
         yield check_order_notes(files, tape, order=film.order, assembly=film.assembly, backings=film.film.backings)
         yield from pardoned(_check_film(tape, film, files, cpl, sources, quick=asked.quick), film.film)
     yield check_certificate(files[CERTIFICATE], tape)
-    yield check_picture(files)
+    yield check_picture(files, tape.name, None if film is None else tape.part_xy_mm())
     if form is not None:
         mesh, problems = _read_mesh(files), form_problems(tape, form)
         if problems:

@@ -254,7 +254,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     slots, legend = [*slots_mm(panel)], layers.gerbers.get("legend-top")
     checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings)
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
-    return [*checks, check_picture(files)]
+    return [*checks, check_picture(files, record.name, shown.parts_xy_mm)]
 
 
 def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tactape_fab import TapeSpec, make_kit, verify_kit
 from tactape_fab.base.errors import Check
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.base.version import __version__
@@ -274,6 +275,35 @@ def pictured(svg: bytes = SVG, image: bytes = b"", placements: bytes | None = No
 def test_previews_that_can_be_opened() -> None:
     assert pictured().passed and pictured().message.startswith("PNG 30 x 20 px and SVG;")
     assert pictured(placements=SVG).passed and not pictured(placements=SVG[:-8]).passed
+
+
+def test_a_preview_of_another_tape_is_told_by_title_and_parts() -> None:
+    uses = b"".join(b'<use href="#bodies-0" x="%.4f" y="%.4f"/>' % (x, -y) for x, y in ((1.5, 2.0), (3.0, 2.25)))
+    svg = SVG.replace(b"<g", b"<title>a&amp;b</title>" + uses + b"<g")
+    files = {"preview-svg": WrittenFile(path="a", data=svg), "preview-png": WrittenFile(path="b", data=png(30, 20))}
+    parts = np.array([(1.5, 2.0), (3.0, 2.25)])
+    assert check_picture(files, "a&b", parts).passed and check_picture(files, "a&b").passed
+    assert check_picture(files, "a&b", parts[::-1]).passed
+    assert check_picture(files, "b", parts).message == "the SVG is of 'a&amp;b'"
+    assert check_picture(files, "a&b", parts[:1]).message == "the SVG shows 2 parts, not 1"
+    assert check_picture(files, "a&b", parts - 0.25).message == "the SVG shows 2 parts in other places"
+
+
+def test_the_preview_of_another_sector_is_no_preview_of_this_tape(tmp_path: Path) -> None:
+    made = [
+        make_kit(TapeSpec(sector=s, name="t", size_mm=(30, 25), tag="none", models=False), tmp_path / str(s), verify=False)
+        for s in (7, 8)
+    ]
+    preview = Path("preview", "t.svg")
+    manifest = (made[0].path / "manifest.json").read_text()
+    old, new = ((kit.path / preview).read_bytes() for kit in made)
+    assert "previews" not in [line.name for line in verify_kit(made[0].path, quick=True).checks if not line.passed]
+    (made[0].path / preview).write_bytes(new)
+    manifest = manifest.replace(hashlib.sha256(old).hexdigest(), hashlib.sha256(new).hexdigest())
+    manifest = manifest.replace(f'"bytes": {len(old)}', f'"bytes": {len(new)}')
+    (made[0].path / "manifest.json").write_text(manifest)
+    (line,) = [line for line in verify_kit(made[0].path, quick=True).checks if line.name == "previews"]
+    assert not line.passed and "parts in other places" in line.message
 
 
 @pytest.mark.parametrize(
