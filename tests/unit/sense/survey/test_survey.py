@@ -141,6 +141,34 @@ def test_a_robot_holds_what_touch_alone_does_not(tmp_path: Path) -> None:
     assert drift["robot"] < 0.6 * drift["touch"]
 
 
+def test_a_robot_shows_a_tape_that_was_stuck_on_in_a_bow(tmp_path: Path) -> None:
+    """Parts that scatter each by itself would hold a bow of all of them against any robot, the more of them the better."""
+    long = examine(TapeSpec(sector=7, size_mm=(100.0, 30.0), models=False)).tape
+    truth, parts = measured(long, PLACEMENT_MM, error_mm=1e-9, seed=3)
+    x = long.part_xy_mm()[:, 0]
+    bow = 0.3 * (2.0 * (x - x.mean()) / np.ptp(x)) ** 2
+    moved = replace(parts, xy_mm=parts.xy_mm + np.stack([np.zeros_like(bow), bow], axis=1))
+    learn = tuple(iterate_frames(truth, 60, 1, scene=SCENE, parts=moved))
+    rng, robot = np.random.default_rng(1), []
+    for k, frame in enumerate(learn):
+        x_mm, y_mm = frame.position_mm * (1.0, -1.0) + rng.normal(0.0, 0.02, 2)
+        theta_deg = frame.theta_deg + rng.normal(0.0, 0.05)
+        robot.append(RobotPose(frame=k, x_mm=x_mm, y_mm=y_mm, theta_deg=theta_deg, sigma_mm=0.02, sigma_deg=0.05))
+    found = surveyed(tmp_path, learn, long, tuple(robot))
+    got, true = (replace(long, as_built=of).built_parts().shift_mm for of in (found.as_built, truth.as_built))
+    off = (got - true - np.stack([np.zeros_like(bow), bow], axis=1))[found.adjusted.part]
+    off = off - off.mean(axis=0)  # where all parts lie together is the unknown frame of the robot
+    sigma_mm = found.as_built.sigma_mm[found.as_built.present, None]
+    assert np.sqrt((off[:, 1] ** 2).mean()) < 0.02
+    assert (off**2 / sigma_mm**2).mean() < 1.5
+    # no film is longer by a sixtieth
+    others = tuple(replace(pose, x_mm=pose.x_mm * 1.016, y_mm=pose.y_mm * 1.016) for pose in robot)
+    with pytest.raises(
+        SpecError, match=r"by the poses of the robot the tape is stretched or bent by 0\.\d+ mm \(rms\), more than 0\.3"
+    ):
+        surveyed(tmp_path, learn, long, others)
+
+
 def test_parts_that_no_contact_shows_are_missing_and_no_other(tmp_path: Path) -> None:
     truth, learn, _ = pressed(80, missing=0.03)
     found = surveyed(tmp_path, learn).as_built
