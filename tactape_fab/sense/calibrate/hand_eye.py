@@ -36,6 +36,8 @@ LEAST_SIGMAS = np.array([0.005, 0.005, 0.01, 0.001, 0.001, 0.0002])
 FAR_MM = 2000.0
 """Standard deviation of all places before anything is seen."""
 OBSERVED_MM, OBSERVED_RAD = 5.0, 0.1
+MOST_SHARE = 0.5
+"""Most of the variance of tilts that may be the arm's own errors: beyond, tilts say nothing of how far the sensor reaches out."""
 _STARTS = 6
 _ROUNDS = 3
 _MOST_STEPS = 60
@@ -133,7 +135,8 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
         raise SpecError(Problem("hand_eye", message))
     # the unknowns are places in the outer frame and rotation vectors, whose changes are no turns about any frame's axes
     own = block_diag(_own_motion(z[-12:-6]), _own_motion(z[-6:]))
-    covariance = own @ covariance @ own.T
+    arm_rad = np.radians([pose.sigma_deg for pose in arm_poses if pose.frame in {presses[k].frame for k in which}])
+    covariance = own @ covariance @ own.T + _drawn(matrix_of(z[-12:-6]), rms, arm_rad)
     return HandEye(
         sensor_to_flange=matrix_of(z[-12:-6]),
         tape_to_base=matrix_of(z[-6:]),
@@ -221,6 +224,24 @@ def _own_motion(values: FloatArray) -> FloatArray:
         rate = back @ (matrix_of(values + d) - matrix_of(values - d)) / (2 * step)
         out[:3, k], out[3:, k] = rate[:3, 3], (rate[2, 1], rate[0, 2], rate[1, 0])
     return out
+
+
+def _drawn(sensor_to_flange: FloatArray, left: FloatArray, arm_rad: FloatArray) -> FloatArray:
+    """Covariance (12, 12) of how far the sensor reaches out, which the arm's own errors of tilt draw towards the flange.
+
+    It is the slope of places over tilts. Errors of these make it smaller by their share of the tilts' variance (Fuller,
+    Measurement error models, 1987, section 1.1), and leave nothing over that would say so.
+
+    left (6,): As of `HandEye`: a flat tape's presses are tilted by what is left over.
+    arm_rad (m,): Errors of the arm's turns, rad.
+    """
+    share = 2.0 * float((arm_rad**2).mean()) / max(float((left[3:5] ** 2).sum()), 1e-18)
+    reach_mm = abs(float(sensor_to_flange[:3, 2] @ sensor_to_flange[:3, 3]))
+    drawn_mm = reach_mm * share / (1.0 - share) if share < MOST_SHARE else FAR_MM
+    # the sensor's z axis goes into the tape, the board's out of it: what one is too far, the other is, too
+    along = np.zeros(12)
+    along[2], along[8] = drawn_mm, -drawn_mm
+    return np.outer(along, along)
 
 
 def on_tape(poses: FloatArray, origin_mm: FloatArray) -> FloatArray:

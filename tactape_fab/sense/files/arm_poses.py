@@ -44,7 +44,8 @@ class ArmPose:
     flange_to_base : ndarray, shape (4, 4)
         mm.
     sigma_mm, sigma_deg : float
-        Standard deviations along and about each axis. `calibrate_sensor` finds them itself.
+        Standard deviations along and about each axis. `calibrate_sensor` finds them itself, and takes `sigma_deg` for how much of
+        the tilts is the arm's own error.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -95,6 +96,19 @@ def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
     assert any("how far the sensor reaches out" in remark for remark in found.remarks)
     off = np.linalg.inv(ON_FLANGE) @ found.sensor_to_flange
     assert np.abs(off[:2, 3]).max() < 0.2
+
+
+@pytest.mark.parametrize("tilt_rad", [0.0, 0.0015])
+def test_tilts_that_are_the_arm_s_own_errors_do_not_tell_the_reach(tilt_rad: float) -> None:
+    """They draw it to the flange, by all of its 80 mm or some of them, and leave nothing over."""
+    squares = []
+    for seed in range(4):
+        rng, made = np.random.default_rng(100 + seed), arm_poses(presses().poses, tilt_rad, seed)
+        errors = [matrix_of(np.array([0.0, 0.0, 0.0, *rng.normal(0.0, np.radians(made[0].sigma_deg), 3)])) for _ in made]
+        found = solved_again([replace(p, flange_to_base=p.flange_to_base @ e) for p, e in zip(made, errors, strict=True)])
+        off_mm = (np.linalg.inv(ON_FLANGE) @ found.sensor_to_flange)[2, 3]
+        squares.append(off_mm**2 / found.covariance[2, 2])
+    assert np.mean(squares) < 2.5
 
 
 def test_errors_of_arm_and_gel_are_told_by_what_the_unknowns_leave_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
