@@ -120,6 +120,17 @@ def test_a_tape_may_have_the_name_of_a_frame(mujoco: Any, name: str, tmp_path: P
     mujoco.MjModel.from_xml_path(str(sim_file(made, ".urdf")))
 
 
+def test_a_model_that_includes_a_tape_keeps_its_own_angles(mujoco: Any, film: Kit) -> None:
+    file = sim_file(film, ".xml")
+    arm = '<body name="arm" euler="0 0 90"><joint name="wrist" range="-90 90"/><geom type="sphere" size="0.1"/></body>'
+    whole = f'<mujoco><worldbody>{arm}</worldbody><include file="{file.name}"/></mujoco>'
+    assets = {path.name: path.read_bytes() for path in file.parent.iterdir()}
+    model = mujoco.MjModel.from_xml_string(whole, assets)
+    assert model.body("arm").quat == pytest.approx([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+    assert model.joint("wrist").range == pytest.approx([-np.pi / 2, np.pi / 2])
+    assert film.tape.name in [model.body(k).name for k in range(model.nbody)]
+
+
 CAMERAS = [((0.004, 0.003, 0.022), (0, 1, 0)), ((0.012, -0.008, 0.02), (0.3, 1, 0)), ((-0.005, 0.012, 0.03), (1, 0.2, 0))]
 
 

@@ -40,14 +40,16 @@ def _link(body: Body) -> str:
 
 
 def mjcf(body: Body, mesh_file: str, colour_file: str | None, rgb: Colour) -> bytes:
-    """The body with its visual mesh, what collides, inertia, and a site for each frame; without a joint, as an object's skin."""
+    """The body with its visual mesh, what collides, inertia, and a site for each frame; without a joint, as an object's skin.
+
+    All turns are quaternions: a unit of angles would be that of the whole model that includes the file.
+    """
     m = body.inertia
     # MJCF's order of a full inertia: the diagonal, then xy, xz, yz
     inertia = numbers([m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]])
     look = f'rgba="{numbers([*rgb, 1])}"' if colour_file is None else 'texture="colour"'
     lines = [
         f'<mujoco model="{body.name}">',
-        '  <compiler angle="radian"/>',
         "  <asset>",
         *([] if colour_file is None else [f'    <texture name="colour" type="2d" file="{colour_file}"/>']),
         f'    <material name="look" {look} specular="0.1" shininess="0.1"/>',
