@@ -64,7 +64,7 @@ def examined_panel(values: dict[str, Any]) -> ExaminedPanel:
 
 
 def panel_of(values: dict[str, Any], path: Path) -> PanelKit:
-    return make_panel(examined_panel(values), path)
+    return make_panel(examine_order(values)[0], path)  # as the page on panels does
 
 
 def copied_panel(kit: PanelKit, tmp_path: Path) -> Path:

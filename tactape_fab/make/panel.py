@@ -85,7 +85,7 @@ class PanelKit:
 
 
 def make_panel(
-    examined: ExaminedPanel,
+    examined: Examined | ExaminedPanel,
     path: str | Path | None = None,
     *,
     overwrite: Overwrite = False,
@@ -99,7 +99,7 @@ def make_panel(
     Parameters
     ----------
     examined : ExaminedPanel
-        From `examine_order`.
+        From `examine_order`, of an order of a panel; a tape's is refused.
     path : str or Path, optional
         Folder of the panel; by default its name in the current folder.
     overwrite : bool or "edits"
@@ -116,13 +116,14 @@ def make_panel(
     Raises
     ------
     SpecError
-        If `path` is taken.
+        If it is no panel, or `path` is taken.
     DesignRuleError
         If a rule of the fab profile is broken.
     VerifyError
         If the written files fail the verification; nothing is left at `path`.
     """
     refuse_other(examined, ExaminedPanel, "examined", "panel", "what examine_order returns first of an order of a panel")
+    assert isinstance(examined, ExaminedPanel)
     refuse_wrong_how(verify=verify, force=force, signer=signer)
     findings = examined.findings
     target = Path(examined.name) if path is None else as_path(path, "path", "the folder of the panel")

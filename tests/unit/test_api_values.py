@@ -172,6 +172,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "force": (lambda: make_kit(TapeSpec(sector=7), force=of(1)), "^force = 1 is no bool; give True or False$"),
     "signer": (lambda: make_kit(TapeSpec(sector=7), signer=of("key")), "^signer = 'key' is no Signer; give what read_signer"),
     "overwrite": (lambda: make_kit(TapeSpec(sector=7), overwrite=of("no")), "^overwrite = 'no' is neither True, False nor"),
+    "panel of a tape": (lambda: make_panel(examine_order({"sector": 7})[0]), r"^examined = Examined\(.* is no panel"),
     "panel": (lambda: make_panel(of(3)), "^examined = 3 is no panel; give what examine_order returns first"),
     "planned": (lambda: list(make_kits(of("k7"), Path(), workers=1)), r"^tapes = 'k7' is no list of planned tapes; give"),
     "workers": (lambda: list(make_kits((), Path(), workers=of(2.5))), "^workers = 2.5 is not a whole number; give a number of"),
