@@ -100,5 +100,5 @@ class TactapeCamera(Camera):
         live = self._connected()
         self._last = live.read(after=after, timeout_s=timeout_s, max_age_s=max_age_s)
         depth = live.sensor.canonical(np.asarray(self._last.depth, dtype=np.float32)) * (live.sensor.depth_unit_mm or 1.0)
-        gray = np.clip(np.nan_to_num(depth) * (255 / self.config.white_mm), 0, 255).astype(np.uint8)
+        gray = np.clip(np.nan_to_num(depth, posinf=0.0, neginf=0.0) * (255 / self.config.white_mm), 0, 255).astype(np.uint8)
         return np.repeat(gray[..., None], 3, axis=2)
