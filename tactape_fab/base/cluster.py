@@ -25,6 +25,8 @@ from tactape_fab.base.version import __version__
 R = TypeVar("R")
 _PATIENCE_S = 10.0
 """Time for a scheduler to answer, and for its first worker to be there, s."""
+_UNREAD = "deserialization of the task graph"
+"""In what Dask says of a scheduler that lacks a module of a call."""
 _ALONE = threading.Lock()
 """Held by the call that a worker runs: functions here may change the current folder, which all threads share."""
 
@@ -34,7 +36,7 @@ class LostClusterError(TactapeError):
 
 
 class OtherWorkerError(TactapeError):
-    """A worker has other versions than this process, so that its answers may differ."""
+    """A worker has other versions than this process, so that its answers may differ, or the scheduler cannot read its calls."""
 
 
 class ClusterPool(Executor):
@@ -109,6 +111,9 @@ class ClusterPool(Executor):
             return OtherWorkerError(
                 f"a worker of {self.address} has no tactape-fab; install version {__version__} there, as here"
             )
+        if isinstance(error, RuntimeError) and _UNREAD in str(error):
+            remedy = f"install tactape-fab {__version__} and the same libraries there, as here, and start it again"
+            return OtherWorkerError(f"the scheduler {self.address} cannot read what it is given: {error.__cause__}; {remedy}")
         return error
 
     def _lost(self) -> LostClusterError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import random
 import signal
@@ -14,11 +15,12 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from tactape_fab.base import cluster
-from tactape_fab.base.cluster import LostClusterError, OtherWorkerError, _called
+from tactape_fab.base.cluster import ClusterPool, LostClusterError, OtherWorkerError, _called
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.pool import mapped
 from tests.thorough import only_thorough
@@ -141,3 +143,16 @@ def test_a_worker_that_compiles_nothing_is_refused(monkeypatch: pytest.MonkeyPat
     with pytest.raises(OtherWorkerError, match=r"has numba none instead of \d[\d.]+; install the same versions there"):
         _called(asked, abs, (-1,), {})
     assert _called(cluster._own(), abs, (-1,), {}) == 1
+
+
+def test_a_scheduler_without_the_package_is_said_in_one_line() -> None:
+    scheduler = pytest.importorskip("distributed.scheduler")
+    assert cluster._UNREAD in inspect.getsource(scheduler.Scheduler.update_graph)
+    pool = object.__new__(ClusterPool)
+    pool.address = "tcp://127.0.0.1:8786"
+    error = RuntimeError(f"Error during {cluster._UNREAD}.\nFor more information")
+    error.__cause__ = ModuleNotFoundError("No module named 'tactape_fab'")
+    said = pool._said(SimpleNamespace(status="error"), error)
+    assert isinstance(said, OtherWorkerError)
+    begin = "the scheduler tcp://127.0.0.1:8786 cannot read what it is given: No module named 'tactape_fab'; install tactape-fab "
+    assert str(said).startswith(begin) and "\n" not in str(said)
