@@ -24,6 +24,9 @@ from tactape_fab.texture.tape import DEFAULT_PITCH_MM
 class TapeSpec:
     """Options of a tape. Building a spec checks every value and reports all problems together.
 
+    Attributes are the values as understood: what was left out has the value that follows from the others. `dataclasses.replace`
+    keeps it: of a spec of sector 7 it makes one of sector 8 with name, tag and origin of sector 7. Build each spec anew.
+
     Attributes
     ----------
     sector : int
