@@ -18,7 +18,6 @@ import numpy.typing as npt
 from tactape_fab.base.errors import FrameError, Problem, SpecError, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.jit import COMPILED
-from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.contact.surface import contact_view
 from tactape_fab.sense.decode.dots.detect import Dots
@@ -381,15 +380,9 @@ class Localizer:
         )
 
     def _by_paper(self, image: npt.NDArray[np.float32]) -> Localization:
-        cv2 = library("cv2", 'method "paper"')
-
         from tactape_fab.sense.decode.paper import locate_paper
 
-        if self._square.aspect != 1.0:
-            image = np.asarray(
-                cv2.resize(image, None, fx=1.0, fy=self._square.aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32
-            )
-        found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
+        found, _ = locate_paper(self._square.image(image), self.tapes, px_per_mm=self._view.px_per_mm)
         return self._of_design(found)
 
     def _of_design(self, found: Localization) -> Localization:

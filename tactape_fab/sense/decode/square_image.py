@@ -7,6 +7,7 @@ from math import sqrt
 
 import numpy as np
 
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
@@ -46,6 +47,24 @@ class SquareImage:
             on_gel = self.camera.from_px(xy_px) - self.camera.from_px(self.sensor.centre_px)
             out = on_gel * self.px_per_mm + self.centre_px
         return out
+
+    def image(self, image: Image) -> Image:
+        """A canonical depth map as the perfect camera has it, with the same centre.
+
+        Raises MissingLibraryError without OpenCV, where there is something to change.
+        """
+        if self.straight and self.aspect == 1.0:
+            return image
+        cv2 = library("cv2", 'method "paper"')
+        if self.straight:
+            return np.asarray(cv2.resize(image, None, fx=1.0, fy=self.aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        # the way back of `places`, from each pixel of the perfect image
+        half = np.array([self.sensor.width_px - 1, round((self.sensor.height_px - 1) * self.aspect)]) / 2
+        v, u = np.mgrid[: 2 * half[1] + 1, : 2 * half[0] + 1]
+        on_gel = (np.stack([u, v], axis=-1) - half) / self.px_per_mm + self.camera.from_px(self.sensor.centre_px)
+        seen_px = self.camera.to_px(on_gel).astype(np.float32)
+        # pixels beyond the frame are as its border: a step there would be a ridge
+        return np.asarray(cv2.remap(image, seen_px, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
 
     def dots(self, image: Image) -> Dots:
         """Dots of a canonical depth map within the sensor's mask, in square pixels."""

@@ -277,6 +277,13 @@ def test_a_prior_is_refused_where_nothing_uses_it(localizer: Localizer) -> None:
 
 
 @pytest.mark.parametrize("method", ["ml", "paper"])
+def test_the_profile_s_camera_is_undone_before_a_frame_is_read(method: Any) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), geometry=Geometry(aspect=0.08, shear=0.1, k1=0.05))
+    fix = Localizer([TAPE], sensor, method=method).locate(simulate(TAPE, *POSE, sensor=sensor, seed=4))
+    assert fix.tape == TAPE.name and is_near(fix, *POSE, mm=0.08, deg=0.6)
+
+
+@pytest.mark.parametrize("method", ["ml", "paper"])
 def test_oblong_pixels_are_the_same_contact(method: str) -> None:
     sensor = replace(load_sensor("gelsight-mini"), px_per_mm=(16.0, 12.0), height_px=180)
     square = dots((50.0, 25.0), 40.0, (6.0, 6.0))
