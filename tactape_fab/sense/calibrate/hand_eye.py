@@ -95,7 +95,8 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     bundle: To start from.
     presses: Its presses.
     arm_poses: Those of frames that are no press are not used.
-    Raises SpecError for fewer than five presses with a pose on one tape, and for poses that do not fit the presses.
+    Raises SpecError for fewer than five presses with a pose on one tape, for equal textures on boards that differ, and for poses
+        that do not fit the presses.
     """
     flange = {pose.frame: pose.flange_to_base for pose in arm_poses}
     names = [press.tape for press in presses if press.frame in flange]
@@ -108,6 +109,10 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
             "name the frames by their index from 0 in the column frame"
         )
         raise SpecError(Problem("hand_eye", message))
+    places = {t.board.texture_origin_mm if t.surface is None else None for t in tapes if t.texture_key == on_board.texture_key}
+    if len(places) > 1:
+        message = f"tapes have the texture of {name} elsewhere on their boards, and a touch does not tell which is pressed"
+        raise SpecError(Problem("tape", f"{message}; give only that one"))
     arm = np.array([flange[presses[k].frame] for k in which])
     origin = np.array(on_board.board.texture_origin_mm)
     both = _first(arm, bundle.poses[which], origin)

@@ -142,6 +142,17 @@ def test_both_transforms_are_off_as_far_as_is_said(count: int) -> None:
     assert 0.6 < np.mean(squares) < 1.5
 
 
+@pytest.mark.parametrize("name", [TAPE.name, "another"])
+def test_a_texture_that_lies_elsewhere_on_another_board_is_refused(name: str) -> None:
+    bundle, seen, tapes = solved_from()[1]
+    x, y = TAPE.board.texture_origin_mm
+    other = replace(TAPE, name=name, board=replace(TAPE.board, texture_origin_mm=(x + 5.0, y)))
+    poses = arm_poses(presses().poses)
+    with pytest.raises(SpecError, match="give only that one"):
+        find_hand_eye(bundle, seen, [*tapes, other], poses)
+    assert find_hand_eye(bundle, seen, [*tapes, replace(TAPE, name=name)], poses).tape == TAPE.name
+
+
 def test_few_poses_are_refused() -> None:
     with pytest.raises(SpecError, match="3 of 10 presses have a pose of the flange, and 5 on one flat tape are needed"):
         solved_again(arm_poses(presses().poses)[:3])
