@@ -141,12 +141,17 @@ def read_object(path: str | Path) -> TapedObject:
 def refuse_ambiguous(thing: TapedObject, tapes: Sequence[Tape]) -> None:
     """Refuse registered tapes that a fix cannot distinguish from those of an object. Raises SpecError."""
     own = {_place(entry.tape): entry for entry in thing.tapes}
+    textures = {entry.tape.texture_key: entry for entry in thing.tapes}
     problems = []
     for tape in tapes:
         entry = own.get(_place(tape))
         if entry is not None and entry.tape.texture_key != tape.texture_key:
             message = f"tape {tape.name} has name, sector and origin of {shown_path(entry.kit)}, which is on the object, but "
             problems.append(Problem("tape", f"{message}another texture; make it with another name, or leave it out"))
+        alike = textures.get(tape.texture_key)
+        if alike is not None and (alike.tape.name, alike.tape.board) != (tape.name, tape.board):
+            message = f"tape {tape.name} has the texture of {shown_path(alike.kit)}, which is on the object, and no touch tells "
+            problems.append(Problem("tape", f"{message}them apart; use another sector for one of them, or leave it out"))
     if problems:
         raise SpecError(problems)
 

@@ -17,6 +17,7 @@ from tactape_fab.cli import main
 from tactape_fab.sense.objects.mount import Mount, sensor_on_object, to_object
 from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm
+from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 from tactape_fab.texture.frames import FloatArray
 
 PLANE = Mount(surface="plane", rotation=from_rpy((10, 20, 30)), position_mm=np.array([5.0, -3.0, 40.0]))
@@ -191,6 +192,14 @@ def test_a_file_that_is_none_is_refused(text: str, words: str, tmp_path: Path) -
 def test_one_texture_in_two_places_is_refused(small_kit: Kit, tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="same texture, which no touch tells apart"):
         read_object(write(tmp_path, small_kit, FLAT, f'[[tapes]]\nkit = "{small_kit.path}"\n{FLAT}'))
+
+
+def test_a_tape_beside_an_object_with_the_texture_of_one_on_it_is_refused(small_kit: Kit, tmp_path: Path) -> None:
+    thing, tape = read_object(write(tmp_path, small_kit, FLAT)), small_kit.tape
+    refuse_ambiguous(thing, [tape, tape])  # the kit on it, given again
+    for other in (replace(tape, name="another"), replace(tape, board=replace(tape.board, texture_origin_mm=(9.0, 9.0)))):
+        with pytest.raises(SpecError, match="which is on the object, and no touch tells them apart; use another sector"):
+            refuse_ambiguous(thing, [tape, other])
 
 
 @pytest.fixture(scope="module")
