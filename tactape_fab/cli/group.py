@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import errno
 import os
 import re
 import signal
@@ -78,6 +79,8 @@ def command(name: str) -> click.Command:
 
 _AGAIN_S = 0.05
 """Time after which a signal that was dropped comes again: the function that dropped it has returned by then."""
+_NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+"""Windows has no quota of its own."""
 _OF_SIGNAL = 128
 INTERRUPTED = _OF_SIGNAL + signal.SIGINT
 """Exit status of a command that Ctrl-C ends: 128 and the number of the signal, as shells have it."""
@@ -113,10 +116,17 @@ class _Group(click.Group):
         try:
             return super().main(*args, **kwargs)
         except OSError as error:
-            if not _cannot_print(error):
+            if _cannot_print(error):
+                sys.stdout = None  # flushing the rest of its buffer would fail again
+                said = f"standard output cannot be written: {error.strerror}; give it room, or another place"
+            elif error.errno in _NO_ROOM:
+                import tempfile  # imported here: few commands need it
+
+                place = f"the temporary folder {tempfile.gettempdir()} cannot be written"
+                said = f"{place}: {error.strerror}; make room there, or set TMPDIR to another folder"
+            else:
                 raise
-            sys.stdout = None  # flushing the rest of its buffer would fail again
-            click.echo(f"error: standard output cannot be written: {error.strerror}; give it room, or another place", err=True)
+            click.echo(f"error: {said}", err=True)
             sys.exit(1)
         finally:
             sys.unraisablehook = before

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.output_file import unfinished
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.live.ros2_node import PARAMETERS
 
@@ -40,14 +42,18 @@ def write_package(folder: Path, parameters: Mapping[str, Any]) -> list[str]:
     """
     name = refuse_package(folder)
     files = package_files(name, {**PARAMETERS, **parameters})
+    partial = unfinished(folder)
     try:
         for path, text in files.items():
-            place = folder / path
+            place = partial / path
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(text, encoding="utf-8", newline="\n")
+        partial.rename(folder)
     except OSError as error:
         message = f"package = {shown_path(folder)} cannot be written: {reason_of(error)}; give a folder elsewhere"
         raise TactapeError(message) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
     return list(files)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -107,6 +110,16 @@ def test_the_program_that_calls_a_command_keeps_its_handlers(handlers: None) -> 
     assert signal.getsignal(signal.SIGTERM) is mine
     with ThreadPoolExecutor(1) as threads:  # in a thread that can have none
         assert threads.submit(CliRunner().invoke, main, ["profiles"]).result().exit_code == 0
+
+
+def test_a_temporary_folder_without_room_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("tactape_fab.texture.certify.kits.registry", full)
+    done = CliRunner().invoke(main, ["registry", "KIT"])
+    assert done.exit_code == 1 and done.stderr.count("\n") == 1
+    assert tempfile.gettempdir() in done.stderr and "TMPDIR" in done.stderr
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, HANGUP])

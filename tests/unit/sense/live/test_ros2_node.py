@@ -30,7 +30,7 @@ from tactape_fab.sense.files.image_message import PIXELS, depth_of
 from tactape_fab.sense.live import ros2_node
 from tactape_fab.sense.live.messages import UNMEASURED
 from tactape_fab.sense.live.ros2_node import PARAMETERS, run_ros2_node
-from tactape_fab.sense.live.ros2_package import DEPENDENCIES, MEANINGS, package_files
+from tactape_fab.sense.live.ros2_package import DEPENDENCIES, MEANINGS, package_files, write_package
 from tests.live import SENSOR
 
 STAMP = 1_763_800_000_123_456_789
@@ -529,3 +529,15 @@ def test_its_scripts_run(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_name_that_ros_does_not_take_is_refused(name: str, tmp_path: Path) -> None:
     run = CliRunner().invoke(main, ["ros2", "--package", str(tmp_path / name)])
     assert run.exit_code == 2 and "no name of a ROS package" in run.output and not (tmp_path / name).exists()
+
+
+def test_a_package_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its name would be refused as taken when there is room again."""
+    monkeypatch.setattr("tactape_fab.sense.live.ros2_package.package_files", lambda *_: {"first": "", "first/second": ""})
+    with pytest.raises(TactapeError, match="cannot be written"):
+        write_package(tmp_path / "touch_node", {})
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.undo()
+    assert sorted(write_package(tmp_path / "touch_node", {})) == sorted(
+        path.relative_to(tmp_path / "touch_node").as_posix() for path in tmp_path.rglob("*") if path.is_file()
+    )
