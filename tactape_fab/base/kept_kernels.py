@@ -87,13 +87,12 @@ def _made_of(kernel: Any) -> str:
     while todo:
         function, options = (of := todo.pop()).py_func, of.targetoptions
         code = function.__code__
-        constants = [None if c is function.__doc__ else c for c in code.co_consts]
+        chosen = sorted((name, _constant(value)) for name, value in options.items())
+        constants = [_constant(c) for c in code.co_consts if c is not function.__doc__]
         # numba compiles globals as constants
         known = {name: function.__globals__[name] for name in code.co_names if name in function.__globals__}
         named = [(name, _constant(value)) for name, value in known.items() if not hasattr(value, "py_func")]
-        digest.update(
-            repr((function.__qualname__, sorted(options.items()), code.co_code, code.co_names, constants, named)).encode()
-        )
+        digest.update(repr((function.__qualname__, chosen, code.co_code, code.co_names, constants, named)).encode())
         for called in known.values():
             if hasattr(called, "py_func") and called not in seen:
                 seen.add(called)
@@ -102,7 +101,9 @@ def _made_of(kernel: Any) -> str:
 
 
 def _constant(value: Any) -> Any:
-    """A global as a kernel has it: a number or tuple of them, the bytes of an array, the fields of a named tuple's class."""
+    """A value as a kernel has it: a number or tuple of them, the bytes of an array, the fields of a named tuple's class."""
+    if isinstance(value, set | frozenset):  # in another order in each process
+        return sorted(value, key=repr)
     if isinstance(value, np.ndarray | np.generic):
         return str(value.dtype), value.shape, value.tobytes()
     if isinstance(value, type):

@@ -133,3 +133,33 @@ def test_code_of_an_older_version_under_a_newer_index_is_not_taken(tmp_path: Pat
     assert full.stdout == "-3 0\n" and code.read_bytes() == older
     assert full.stderr.count("\n") == 1 and "cannot be kept" in full.stderr and "NUMBA_CACHE_DIR" in full.stderr
     assert added(program, kept) == "-3 0\n" and added(program, kept) == "-3 1\n"
+
+
+DIGESTS = """
+import importlib, pkgutil, sys
+import tactape_fab
+from tactape_fab.base.kept_kernels import _made_of
+for module in pkgutil.walk_packages(tactape_fab.__path__, "tactape_fab."):
+    if ".sense.decode" in module.name or ".texture." in module.name:
+        importlib.import_module(module.name)
+for name in sorted(name for name in sys.modules if name.startswith("tactape_fab.")):
+    for kernel in vars(sys.modules[name]).values():
+        if hasattr(kernel, "py_func"):
+            print(name, kernel.py_func.__name__, _made_of(kernel))
+"""
+
+
+@costly
+def test_every_process_finds_the_same_digests() -> None:
+    """Python keeps sets, as of `fastmath`, in another order in each: a kernel would be compiled by every process."""
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", DIGESTS],
+            capture_output=True,
+            encoding="utf-8",
+            check=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in ("1", "2")
+    ]
+    assert found[0] == found[1] and found[0].count("\n") > 100
