@@ -42,7 +42,7 @@ from tactape_fab.sense.decode.warm import announce, rehearse
 from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.code import get_plane
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.frames import DIRECTIONS_XY
 from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import Plane, PlaneCode, encode
 from tactape_fab.texture.registry import TapeLike, as_tapes
@@ -156,12 +156,7 @@ class Localizer:
         if refine is None and method == "ml" and self.sensor.gel.blur_mm is not None:
             refine = "pixels"
         self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
-        # the tape itself, with all parts: as it is located, `_warm` calls what comes after the search as well
-        cells = np.argwhere(np.ones((min(first.rows, 8), min(first.columns, 8)), dtype=bool))[:, ::-1]
-        symbols = first.symbols[cells[:, 1], cells[:, 0]]
-        self._warm(cells * first.pitch_mm + first.displacement_mm * DIRECTIONS_XY[symbols])
-        if self._pixel_fit is not None:
-            rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
+        self._warm()
 
     @classmethod
     def from_code(
@@ -217,10 +212,12 @@ class Localizer:
         plane = _plane_of(get_plane(code))
         self._prepare(plane, pitch_mm, displacement_mm, None, sensor, fixed_scale)
         self._pixel_fit = None
-        symbols = encode(plane.code, 0, (0, 0), (8, 8))
-        row, column = np.divmod(np.arange(64), 8)
-        self._warm(np.stack([column, row], axis=1) * pitch_mm + displacement_mm * DIRECTIONS_XY[symbols[row, column]])
+        self._warm()
         return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._warm()  # in the process that a pickled one came to, no frame waits either
 
     def _prepare(
         self,
@@ -253,8 +250,16 @@ class Localizer:
         """The registered tapes, equal ones once; empty if only a code is known."""
         return list(self._world.tapes) if isinstance(self._world, Registry) else []
 
-    def _warm(self, texture_mm: FloatArray) -> None:
+    def _warm(self) -> None:
         """Compile all kernels now, so that no frame waits."""
+        if isinstance(self._world, Registry):
+            # a tape itself, with all parts: as it is located, what comes after the search is called as well
+            symbols = self._world.tapes[0].symbols[:8, :8]
+        else:
+            symbols = encode(self._world.code, 0, (0, 0), (8, 8))
+        row, column = np.indices(symbols.shape).reshape(2, -1)
+        shift_mm = self._view.displacement_mm * DIRECTIONS_XY[symbols[row, column]]
+        texture_mm = np.stack([column, row], axis=1) * self._view.pitch_mm + shift_mm
         xy = (texture_mm - texture_mm.mean(axis=0)) * self._view.px_per_mm + self._view.centre_px
         dots = Dots(xy_px=xy, weights=np.ones(len(xy)), trust=np.ones(len(xy)), elongation=np.zeros((len(xy), 2)))
         v, u = np.mgrid[: self.sensor.height_px, : self.sensor.width_px]
@@ -266,6 +271,8 @@ class Localizer:
             rehearse(dots, ripple, self._view, self._world if isinstance(self._world, Registry) else None)
             if COMPILED:
                 self._locate(dots, None)
+            if self._pixel_fit is not None:
+                rehearse_pixels(self._pixel_fit, [tape.part for tape in self.tapes])
         finally:
             if collecting:
                 gc.enable()

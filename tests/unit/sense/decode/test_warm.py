@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import logging
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tactape_fab import Localizer
+from tactape_fab.base.jit import COMPILED
+from tactape_fab.sense import simulate
 from tactape_fab.sense.decode import warm
+from tactape_fab.sense.decode.result import Refined
+from tests.contacts import POSE, tape_of
 from tests.thorough import only_thorough
 
 PROGRAM = """
@@ -86,3 +92,27 @@ def test_where_nothing_can_be_kept_it_is_said(monkeypatch: pytest.MonkeyPatch, c
     monkeypatch.setattr(warm, "KEPT", False)
     warm.announce()
     assert "NUMBA_CACHE_DIR" in caplog.text and warm.cache_folder() is None
+
+
+UNPICKLED = """
+import pickle, sys
+from tests.unit.sense.decode.test_warm import taken_by_kernels
+localizer, depth = pickle.load(sys.stdin.buffer)
+before = taken_by_kernels()
+assert localizer.locate(depth).located and len(before) > 20 and taken_by_kernels() == before
+"""
+
+
+def taken_by_kernels() -> list[str]:
+    """A name for each signature of a kernel that was compiled or read from the disk."""
+    modules = [module for name, module in list(sys.modules.items()) if name.startswith("tactape_fab.")]
+    kernels = {id(each): each for module in modules for each in vars(module).values() if hasattr(each, "overloads")}
+    return sorted(f"{each.__module__}.{each.__qualname__}" for each in kernels.values() for _ in each.overloads)
+
+
+@pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
+@pytest.mark.parametrize("refine", ["dots", "pixels"])
+def test_no_frame_waits_in_a_process_that_a_localizer_was_sent_to(refine: Refined) -> None:
+    sent = pickle.dumps((Localizer([tape_of(7)], refine=refine), simulate(tape_of(7), *POSE)))
+    done = subprocess.run([sys.executable, "-c", UNPICKLED], input=sent, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
