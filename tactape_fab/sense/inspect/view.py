@@ -27,6 +27,9 @@ _LEAST_SPREAD = 3.0
 MOST_BLOCKS = 2.25
 """Steepness at the borders of 8 x 8 blocks over that elsewhere: 1.0 without JPEG, 1.7 at quality 75, 2.1 at 30, 2.4 at 20."""
 _SAME_PANEL_MM = 5.0
+_MOST_SPREAD = 0.25
+"""Most that a tag's size may be off what the nominal resolution says, for this to be believed: an image that was made smaller or
+larger since is off by more."""
 
 FoundBy = Literal["tag", "code", "neighbour"]
 
@@ -97,7 +100,9 @@ def _views(picture: Picture, name: str, wanted: Sequence[WantedTape], dpi: float
         seeds = _code_seeds(blobs, px_per_mm, wanted)
     views, agreeing = _grown(picture, name, wanted, seeds, blobs, dpi)
     if not views and seeds and seeds[0].found_by == "tag":
-        views, _ = _grown(picture, name, wanted, _code_seeds(blobs, px_per_mm, wanted), blobs, dpi)
+        # ink that spreads makes a tag smaller than it is drawn, by a tenth: the nominal scale then reads the parts
+        scale = px_per_mm if dpi is None or abs(dpi / MM_PER_INCH / px_per_mm - 1.0) > _MOST_SPREAD else dpi / MM_PER_INCH
+        views, _ = _grown(picture, name, wanted, _code_seeds(blobs, scale, wanted), blobs, dpi)
     if not views:
         raise _nothing_found(picture, tags, wanted, px_per_mm, agreeing)
     return views

@@ -150,6 +150,17 @@ def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.present, scanned.built.present)
 
 
+def test_a_tag_whose_ink_has_spread_leaves_the_parts_to_be_read_at_the_given_dpi(kit_40: Kit, tmp_path: Path) -> None:
+    """Blurred ink makes the tag 3.6 mm wide, of 4: at its scale the parts are those of no tape."""
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, seed=1)
+    path = write(tmp_path / "spread.png", scan(tape, built, Scanner(blur_mm=0.05), seed=1))
+    with pytest.raises(SpecError, match="and give dpi=N"):
+        inspect_scans(path, kit_40.path)
+    (one,) = inspect_scans(path, kit_40.path, dpi=1200)
+    assert one.scans[0].found_by == "code" and rms(errors_um(one, built)) < 6.0
+
+
 @pytest.mark.parametrize(("off_mm", "file"), [((0.06, -0.06), "scan.png"), ((0.0, 0.0), "scan.jpg")])
 def test_metal_beside_bodies_is_not_taken_for_them(off_mm: tuple[float, float], file: str, kit_40: Kit, tmp_path: Path) -> None:
     """Bodies that are all off across leave their lands bare on one side; colours of a JPEG are of half the size."""
