@@ -81,6 +81,8 @@ class Scanner:
     shading: float = 0.06
     shadow: float = 0.45
     glare: float = 1.0
+    band_mm: float = 0.012
+    """Scatter of the length of a part's metal ends."""
     margin_mm: float = 3.0
     perspective: float = 0.0
     """Relative change of scale from one end to the other, as of a camera that looks at a slant."""
@@ -251,7 +253,7 @@ def _part(
         _over(patch, near, cover * pad, SOLDER * tone)
     _over(patch, *_shape(p, q, length / 2, width / 2, blur), BODY * rng.uniform(0.85, 1.2))
     for end in (-1, 1):
-        band = rng.normal(0.14, 0.012)
+        band = rng.normal(0.14, scanner.band_mm)
         mid = end * (length / 2 - band / 2 + 0.005)
         _over(patch, *_shape(p - mid, q, band / 2, width / 2 + 0.006, blur, 0.02), TIN * rng.uniform(0.88, 1.08))
         if rng.random() < 0.7 * scanner.glare:

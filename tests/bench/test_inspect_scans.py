@@ -13,7 +13,7 @@ def test_places_of_a_small_tape_are_exact_and_no_fault_is_invented(dpi: float, m
     row = measured(SMALL_MM, dpi, 0.05, missing=5, seed=3)
     assert row.pooled_um < most_um
     assert (row.found, row.invented) == (5, 0)
-    assert 0.5 < row.nees < 1.5
+    assert 0.35 < row.nees < 1.5
 
 
 @only_thorough
@@ -27,5 +27,5 @@ def test_places_of_2000_parts_and_of_large_ones_are_exact_and_every_missing_one_
     row = measured(size_mm, dpi, 0.05, missing=missing, seed=1)
     assert row.pooled_um < most_um
     assert (row.found, row.invented) == (missing, 0)
-    assert 0.5 < row.nees < 2.0
+    assert 0.35 < row.nees < 2.0
     assert row.seconds < most_s

@@ -50,7 +50,7 @@ class Step:
     """One step of Gauss-Newton for every patch.
 
     move (n, 3): Along a, along b (mm), and the turn (rad), in the patch's axes; 0 turn where it was not asked for.
-    sigma_mm (n,): Of the place along each axis, from the residuals of the patch, correlation of neighbouring samples taken into
+    sigma_mm (n, 2): Of the place along a and b, from the residuals of the patch, correlation of neighbouring samples taken into
         account.
     misfit (n,): Root mean square of what is left, in units of each sample's scatter.
     gain (n,): Contrast of the patch in units of the template's.
@@ -131,8 +131,7 @@ def step(
     )
     return Step(
         move=np.column_stack([solved[:, 0], solved[:, 1], solved[:, 2] if turns else np.zeros(n)]),
-        # the mean of both axes' variances
-        sigma_mm=np.sqrt(variance * (inverse[:, 0, 0] + inverse[:, 1, 1]) / 2),
+        sigma_mm=np.sqrt(variance[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :2]),
         misfit=np.sqrt(np.square(left).mean(axis=1, dtype=np.float64)),
         gain=1.0 + solved[:, 3 if turns else 2],
         nuisance=np.sqrt(strength**2 + posterior)[k - extra :],

@@ -85,7 +85,7 @@ class _Scene:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _State:
-    """Shift and turn of each part so far, and the fit that led there."""
+    """Shift and turn of each part so far, and the fit that led there; ``sigma_mm`` (n, 2) is along and across the part."""
 
     shift_mm: FloatArray
     turn_deg: FloatArray
@@ -115,26 +115,31 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
     """
     start_mm, area = _centroids(picture, warp, tape, palette, sites_mm)
     n, usual = len(sites_mm), area > _USUAL
-    start = _State(shift_mm=start_mm, turn_deg=np.zeros(n), sigma_mm=np.full(n, 0.1), misfit=np.full(n, np.inf))
+    start = _State(shift_mm=start_mm, turn_deg=np.zeros(n), sigma_mm=np.full((n, 2), 0.1), misfit=np.full(n, np.inf))
     if usual.sum() < _LEAST_BODIES:
-        return Bodies(shift_mm=start_mm, turn_deg=start.turn_deg, sigma_mm=start.sigma_mm, area=area, misfit=np.ones(n))
+        sigma_mm = start.sigma_mm[:, 0]
+        return Bodies(shift_mm=start_mm, turn_deg=start.turn_deg, sigma_mm=sigma_mm, area=area, misfit=np.ones(n))
     length, width, _ = tape.part.body_mm
     # hardly beyond the body, as lands do not move with it
     grid = patch_grid(length / 2 + _MARGIN_MM, width / 2 + _MARGIN_MM, max(warp.px_per_mm, _LEAST_PX_PER_MM))
     scene = _Scene(picture=picture, warp=warp, tape=tape, palette=palette, grid=grid)
     state, template, ends, misfit = _fitted(scene, sites_mm, start, usual)
+    farther = _ends_apart(scene, sites_mm, state, usual, template, ends)
     # the template is turned as parts are on the median: turns count from there
     middle = float(np.median(state.turn_deg[usual]))
     poor = np.flatnonzero(usual & (state.misfit > _POOR))
     if len(poor):
         state = _all_turns(scene, sites_mm, state, start, poor, template, ends, misfit)
+    state.sigma_mm[:, 0] *= farther
     covered = usual & (state.misfit > COVERED)
     state.shift_mm[covered], state.turn_deg[covered], state.sigma_mm[covered] = start_mm[covered], middle, _COVERED_SIGMA_MM
     # parts were fitted to the template, whose own centre is somewhere beside that of its grid
     shift = state.shift_mm + _along(tape, state.turn_deg, *_centre(scene, sites_mm, state, usual, template))
     # a box looks the same after half a turn
     turn = (state.turn_deg - middle + 90.0) % 180.0 - 90.0
-    return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=state.sigma_mm, area=area, misfit=state.misfit)
+    # the mean of both axes' variances
+    sigma_mm = np.sqrt(np.square(state.sigma_mm).mean(axis=1))
+    return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=sigma_mm, area=area, misfit=state.misfit)
 
 
 def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray) -> tuple[_State, Template, Nuisance, float]:
@@ -147,7 +152,7 @@ def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
     strength = np.tile([_END_MM, _BRIGHTER, _BRIGHTER, _BRIGHTER, _BRIGHTER], 2)
     scatter: FloatArray | None = None
     there = np.flatnonzero(usual)
-    some = there[:: max(1, len(there) // _MOST_LEARNED)]
+    some = _evenly(usual)
     fewer = state.of(some)
     for learning in range(_LEARNINGS):
         template = learn_template(scene.patches(sites_mm[some], fewer), used)
@@ -170,6 +175,30 @@ def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
     # in units of the usual part: glare makes all of them fit worse
     misfit = max(float(np.median(state.misfit[usual])), _LEAST_USUAL)
     return replace(state, misfit=state.misfit / misfit), template, ends, misfit
+
+
+def _ends_apart(
+    scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray, template: Template, ends: Nuisance
+) -> float:
+    """How much farther off parts are along them than the fit says, 1 or more: by where each end alone would have them.
+
+    Ends differ by where their metal begins, and a fit takes half of the difference for a shift: where the outer ends are
+    blurred, or have no colour of their own, nothing else says it. Both ends differ independently, so that their mean, the place,
+    scatters as half of what lies between them. Bodies that are longer than others count as well, which says a little too much.
+    """
+    some = _evenly(usual)
+    channels, grid = scene.patches(sites_mm[some], state.of(some)), scene.grid
+    halves = [replace(template, used=template.used & (end * grid.a_mm > 0)) for end in (-1, 1)]
+    low, high = (step(channels, half, grid, turns=False, nuisance=ends).move[:, 0] for half in halves)
+    apart = high - low
+    scatter = 1.4826 * float(np.median(np.abs(apart - np.median(apart))))
+    return max(1.0, scatter / 2 / float(np.median(state.sigma_mm[some, 0])))
+
+
+def _evenly(usual: BoolArray) -> IntArray:
+    """Of the parts that are there, those that the template is learned from."""
+    there = np.flatnonzero(usual)
+    return there[:: max(1, len(there) // _MOST_LEARNED)]
 
 
 def _moved(
@@ -204,8 +233,7 @@ def _centre(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
     axis = scene.palette.unshaded_axis()
     if axis is not None:
         grid = patch_grid(0.15 * length, width / 2 + _CENTRE_MARGIN_MM, FINEST_PX_PER_MM)
-        there = np.flatnonzero(usual)
-        some = there[:: max(1, len(there) // _MOST_LEARNED)]
+        some = _evenly(usual)
         turn = scene.tape.part.rotation_deg + state.turn_deg[some]
         seen = sample(scene.picture, scene.warp, sites_mm[some] + state.shift_mm[some], turn, grid)
         own = symmetry_offset(np.median(np.clip(seen @ axis, -1.0, 2.0), axis=0), grid, np.ones(grid.count, dtype=bool))[1]

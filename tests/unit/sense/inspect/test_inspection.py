@@ -50,7 +50,7 @@ def test_places_are_within_5_um_at_1200_dpi_and_say_how_sure_they_are(found: Ins
     assert np.abs(error).max() < 25.0
     ordinary = scanned.built.present & (np.abs(scanned.built.turn_deg) < 10.0) & ~found.covered
     nees = (error**2).mean(axis=1) / (1000 * found.sigma_mm[ordinary]) ** 2
-    assert 0.6 < nees.mean() < 1.6
+    assert 0.4 < nees.mean() < 1.6
     assert rms(found.turn_deg[ordinary] - scanned.built.turn_deg[ordinary]) < 1.0
 
 
@@ -148,6 +148,17 @@ def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
     (one,) = inspect_scans(grey, scanned.kit)
     assert rms(errors_um(one, scanned.built)) < 7.0
     np.testing.assert_array_equal(one.present, scanned.built.present)
+
+
+def test_a_blurred_scan_says_how_far_parts_are_off_along_them(kit_40: Kit, tmp_path: Path) -> None:
+    """Where the outer ends are blurred, a part is where its metal begins, and that differs from end to end."""
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, seed=1)
+    picture = scan(tape, built, Scanner(dpi=600, blur_mm=0.06, band_mm=0.02), seed=1)
+    (one,) = inspect_scans(write(tmp_path / "blurred.png", picture), kit_40.path, dpi=600)
+    error = errors_um(one, built)
+    nees = ((error - error.mean(axis=0)) ** 2).mean() / (1000 * float(np.median(one.sigma_mm))) ** 2
+    assert 0.5 < nees < 1.5
 
 
 def test_a_tag_whose_ink_has_spread_leaves_the_parts_to_be_read_at_the_given_dpi(kit_40: Kit, tmp_path: Path) -> None:
