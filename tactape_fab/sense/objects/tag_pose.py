@@ -132,9 +132,12 @@ def refine_tag_pose(
         raise refused
     _, seen, starts = max(views, key=lambda view: view[0])
     best = max((_fitted(seen, tag.id, tag.cell_mm, *start) for start in starts), key=lambda pose: pose.fit)
-    if not best.fit >= _LEAST_FIT:
+    # border and ring are those of every tag, at every turn: the cells between them say which it is
+    fit = min(best.fit, _fit_at(seen, tag.id, tag.cell_mm, best.rotation, best.translation_mm, of_cells=True))
+    if not fit >= _LEAST_FIT:
         raise FrameError(
-            f"the picture does not show tag {tag.id} there (correlation {best.fit:.2f}); give the detector's own pose"
+            f"the picture does not show tag {tag.id} there (correlation {fit:.2f}); give the detector's own pose of this tag, in "
+            "mm, with x right and y down on it as AprilTag has them"
         )
     return best
 
@@ -235,9 +238,7 @@ def _residual(
     cv2 = library("cv2", "fitting a tag to a picture")
 
     turn = np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation
-    # rays in the tag's frame: X = R^T (s ray - t), which meets z = 0 at s = -start_z / ahead_z
-    ahead, start = seen.rays @ turn, -turn.T @ values[3:6]
-    hit = start[:2] - (start[2] / ahead[:, 2])[:, None] * ahead[:, :2]
+    hit = _hits(seen, turn, values[3:6])
     # mm from the tag's centre to pixels of the printed picture, integers at pixel centres
     at = ((hit / cell_mm + SIDE_CELLS / 2 + _PAD_CELLS) * _PX_PER_CELL - 0.5).astype(np.float32)
     # a pixel at distance d of a straight edge is covered by d + 0.5, from 0 to 1
@@ -256,15 +257,27 @@ def _first(seen: _Seen, translation_mm: FloatArray) -> FloatArray:
     return np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])
 
 
-def _fit_at(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> float:
-    """Correlation of the picture with the printed tag at a pose as it is."""
-    return _correlation(seen, _residual(seen, tag_id, cell_mm, rotation, _first(seen, translation_mm))[1])
+def _fit_at(
+    seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray, *, of_cells: bool = False
+) -> float:
+    """Correlation of the picture with the printed tag at a pose as it is; ``of_cells``: within the black border alone."""
+    shape = _residual(seen, tag_id, cell_mm, rotation, _first(seen, translation_mm))[1]
+    half_mm = (CODE_CELLS - 2) / 2 * cell_mm
+    used = (np.abs(_hits(seen, rotation, translation_mm)) < half_mm).all(axis=1) if of_cells else np.s_[:]
+    return _correlation(seen.levels[used], shape[used])
 
 
-def _correlation(seen: _Seen, shape: FloatArray) -> float:
-    spread = float(shape.std() * seen.levels.std())
-    covaried = float(np.mean((shape - shape.mean()) * (seen.levels - seen.levels.mean())))
-    return covaried / spread if spread > 0.0 else 0.0
+def _correlation(levels: FloatArray, shape: FloatArray) -> float:
+    spread = float(shape.std() * levels.std()) if len(levels) else 0.0
+    return float(np.mean((shape - shape.mean()) * (levels - levels.mean()))) / spread if spread > 0.0 else 0.0
+
+
+def _hits(seen: _Seen, rotation: FloatArray, translation_mm: FloatArray) -> FloatArray:
+    """Where pixels see the tag's plane, mm from its centre (n, 2)."""
+    # rays in the tag's frame: X = R^T (s ray - t), which meets z = 0 at s = -start_z / ahead_z
+    ahead, start = seen.rays @ rotation, -rotation.T @ translation_mm
+    hit: FloatArray = start[:2] - (start[2] / ahead[:, 2])[:, None] * ahead[:, :2]
+    return hit
 
 
 def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> TagPose:
@@ -306,6 +319,6 @@ def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, tran
     return TagPose(
         rotation=np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation,
         translation_mm=values[3:6].copy(),
-        fit=_correlation(seen, shape),
+        fit=_correlation(seen.levels, shape),
         blur_px=sqrt(max((float(np.exp(values[6])) * seen.px_per_cell) ** 2 - seen.smoothed_px**2, 0.0)),
     )

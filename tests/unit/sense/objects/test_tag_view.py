@@ -158,6 +158,15 @@ def test_pictures_without_the_tag_are_refused() -> None:
         refine_tag_pose(of.tape, noise, *pose, camera.CAMERA)
     with pytest.raises(FrameError, match="does not show tag 7 there"):
         refine_tag_pose(of.tape, np.zeros_like(noise), *pose, camera.CAMERA)
+    # border and ring are those of every tag: another one, a quarter turn, OpenCV's axes (y up, z out, turned by 180)
+    picture, turn, shift = camera.photograph(of, *pose, rng), *pose
+    assert of.tape.tag is not None
+    another = replace(of.tape, tag=replace(of.tape.tag, id=8))
+    quarter = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
+    assert refine_tag_pose(of.tape, picture, turn, shift, camera.CAMERA).fit > 0.99
+    for tape, told in ((another, turn), (of.tape, turn @ quarter), (of.tape, turn @ np.diag([-1.0, 1.0, -1.0]))):
+        with pytest.raises(FrameError, match=r"does not show tag [78] there .* with x right and y down on it"):
+            refine_tag_pose(tape, picture, told, shift, camera.CAMERA)
     with pytest.raises(FrameError, match="not wholly inside"):
         refine_tag_pose(of.tape, noise, pose[0], pose[1] + [300.0, 0.0, 0.0], camera.CAMERA)
     with pytest.raises(FrameError, match="not wholly in front"):
