@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
@@ -105,7 +106,21 @@ def _views(picture: Picture, name: str, wanted: Sequence[WantedTape], dpi: float
         views, _ = _grown(picture, name, wanted, _code_seeds(blobs, scale, wanted), blobs, dpi)
     if not views:
         raise _nothing_found(picture, tags, wanted, px_per_mm, agreeing)
+    _refuse_second_copy(views, blobs, wanted)
     return views
+
+
+def _refuse_second_copy(views: Sequence[View], blobs: Blobs, wanted: Sequence[WantedTape]) -> None:
+    """Refuse a scan of which parts beside a tape are read as that tape again: a copy whose tag is not seen, or that has none."""
+    if any(w.offset_mm is not None for w in wanted):
+        return
+    for view in views:
+        tape = wanted[view.number].tape
+        parts = view.warp.smooth(tape.part_xy_mm())
+        beside = cKDTree(parts).query(blobs.px)[0] > tape.pitch_mm * view.warp.px_per_mm
+        if _code_seeds(Blobs(px=blobs.px[beside]), view.warp.px_per_mm, [wanted[view.number]]):
+            message = f"parts beside {tape.name} are those of {tape.name} again: two copies of the tape"
+            raise SpecError(f"{message}; scan each by itself, or cut it out")
 
 
 def blockiness(picture: Picture) -> float:

@@ -203,6 +203,15 @@ def test_two_copies_of_a_tape_are_not_averaged(scanned: Scanned, tmp_path: Path)
         inspect_scans([scanned.path, write(tmp_path / "other.png", other)], scanned.kit)
 
 
+def test_a_second_copy_without_a_tag_is_refused(scanned: Scanned, tmp_path: Path) -> None:
+    """Its places would be those of one copy, whichever was read, and exact."""
+    untagged = scanned.picture[:, scanned.picture.shape[1] // 4 :]
+    for copies in ([scanned.picture, untagged], [untagged, untagged]):
+        path = write(tmp_path / "two.png", np.concatenate(copies, axis=1))
+        with pytest.raises(SpecError, match="are those of tactape-s007 again: two copies of the tape"):
+            inspect_scans(path, scanned.kit, dpi=1200)
+
+
 def test_the_code_says_which_of_several_tapes_it_is(scanned: Scanned, tmp_path: Path) -> None:
     picture = scanned.picture.copy()
     picture[:, : picture.shape[1] * 19 // 100] = picture[5, picture.shape[1] // 2]  # the strip with the tag is covered
