@@ -35,6 +35,7 @@ _LEAST_END_MM = 0.001
 _BRIGHTER = 1.0
 """Scatter of the brightness of metal and solder, in units of the film's: whatever it is, it says nothing of a place."""
 _TURNS_DEG = np.arange(-90.0, 90.0, 15.0)
+_SAME_TURN_DEG = 15.0
 _POOR, _BETTER, _VERY_POOR = 1.4, 0.45, 2.5
 """Misfit, in units of the usual one, from which on a part is looked at in all turns; share of it that another turn may have at
 most to be taken; and misfit from which on a little more is enough. By drawn scans of 600 to 2400 dpi: where parts are placed to
@@ -264,8 +265,10 @@ def _all_turns(
     tried = replace(tried, misfit=tried.misfit / usual)
     first = tried.misfit.reshape(len(_TURNS_DEG), -1).argmin(axis=0) * len(poor) + np.arange(len(poor))
     before = state.misfit[poor]
-    # glare on a good part may fit a part across a little better
-    better = tried.misfit[first] < np.where(before > _VERY_POOR, _BETTER_IF_VERY_POOR, _BETTER) * before
+    other = np.abs((tried.turn_deg[first] - state.turn_deg[poor] + 90.0) % 180.0 - 90.0) > _SAME_TURN_DEG
+    # glare on a good part may fit a part across a little better; in its own turn any better fit serves
+    share = np.where(before > _VERY_POOR, np.where(other, _BETTER_IF_VERY_POOR, 1.0), _BETTER)
+    better = tried.misfit[first] < share * before
     # a copy: `put` writes into its arrays
     best = state.of(np.arange(len(state.misfit)))
     best.put(poor[better], tried.of(first[better]))
