@@ -37,6 +37,8 @@ def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | 
     new_parents = [parent for parent in target.parents if not parent.exists()]
     try:
         folder.mkdir(parents=True)
+        with suppress(FileNotFoundError):
+            target.lstat()  # a name that is too long for the file system is refused before the work, not at the rename
         yield folder
         if signer is not None:
             signer.sign(folder)

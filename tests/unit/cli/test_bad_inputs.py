@@ -291,7 +291,7 @@ OPTIONS = [
     Case("make --sector 7 -o / --overwrite", USAGE, "-o = /", "no name for a kit", "give a folder"),
     Case("make --sector 7 -o kit.partial", USAGE, "kit.partial", "no name for a kit", "give a folder"),
     Case(f"make --sector 7 -o {LONG}", USAGE, "nnn", "File name too long", REMEDY),
-    Case(f"make --sector 7 -o new/{LONG[:250]}", FAILED, "nnn", "File name too long", REMEDY),
+    Case(f"make --sector 7 -o new/{LONG[:256]}", FAILED, "nnn", "File name too long", REMEDY),
 ]
 
 
