@@ -197,4 +197,4 @@ def test_what_assembly_asks_is_asked_of_the_panel() -> None:
     findings = {finding.rule: finding for finding in examined.findings}
     assert findings["part-count"].value == 2 * 1984
     assert findings["assembly-size"].passed
-    assert "the panel is 116 x 114 mm" in findings["assembly-size"].message
+    assert "the panel is 114 x 116 mm" in findings["assembly-size"].message
