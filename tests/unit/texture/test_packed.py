@@ -80,6 +80,18 @@ def test_a_tag_may_have_the_last_id(packed: bytes, tmp_path: Path) -> None:
     assert tag is not None and tag.id == 586
 
 
+def test_tapes_of_eight_directions_and_of_the_last_sector_come_back(tmp_path: Path) -> None:
+    block = {"part": "block", "pitch_mm": 1.33, "displacement_mm": 0.177, "size_mm": (40.0, 30.0)}
+    eight = examine(TapeSpec(sector=8, code="touch-1", directions=8, **block)).tape  # type: ignore[arg-type]
+    last = examine(TapeSpec(sector=255, size_mm=(40.0, 30.0))).tape
+    file = tmp_path / "all.registry"
+    file.write_bytes(pack([eight, last, replace(last, name="again")], ["", "", ""]))
+    found = read_tapes([file])
+    assert [(tape.directions, tape.sector) for tape in found] == [(8, 8), (4, 255), (4, 255)]
+    assert all((a.symbols == b.symbols).all() for a, b in zip(found, (eight, last, last), strict=True))
+    assert eight.symbols.max() >= 4
+
+
 def test_a_packed_registry_decodes_as_its_kits_do(tapes: list[Tape], tmp_path: Path) -> None:
     file = tmp_path / "all.registry"
     file.write_bytes(pack(tapes[:2], ["", ""]))
