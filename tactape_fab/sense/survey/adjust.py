@@ -8,7 +8,7 @@ with q_i the dot's place on the gel by the camera, whose scale, aspect, shear an
 (docs/frames.md; `sense.geometry`), and u_i, v_i what neighbours and the rim do (`decode.grid.posterior`). The d_j have normal
 priors: of the scatter of all parts, which is estimated, or of an inspection. These hold the gauge: a shift, turn, scale or smooth
 drift of all parts together cannot be told from one of all poses. The poses of a robot hold it: then a stretch and a bend of the
-whole tape are unknowns as well, about which the d_j scatter (`_Bend`).
+whole tape are unknowns as well, about which the d_j scatter (`bend.Bend`).
 
 Each part is a block of its own given poses and camera, so parts are eliminated (Schur complement; Triggs et al., Bundle
 adjustment, 2000, section 6), what is left is solved by Cholesky, and the variances of the d_j are exact for the linear problem.
@@ -28,6 +28,7 @@ from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_MM, P
 from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.geometry import camera as camera_of
 from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.survey.bend import Bend
 from tactape_fab.sense.survey.contacts import Contact, SeenDots
 from tactape_fab.sense.survey.poses import RobotPose
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -46,8 +47,6 @@ LEAST_SCATTER_MM, USUAL_SCATTER_MM, MOST_SCATTER_MM = 0.002, 0.05, 0.3
 MOST_LEFT_MM, MOST_LEFT_RAD, MOST_LEFT_SIGMAS = 1.0, 0.1, 3.0
 """How far half of a robot's poses may be off, or so many of their own standard deviations; those of other frames are farther."""
 
-LEAST_BEND_MM, MOST_BEND_MM = 0.0005, 0.3
-"""Stretch and bend of a tape, root mean square over its parts: the least, which is the one to start from, and the most."""
 LEAST_POSES = 20
 """Poses of a robot that show a stretch and bend: ten, of 80 contacts on a flat tape, make its places less exact."""
 
@@ -134,7 +133,7 @@ def adjust(
     mean, sigmas = _common_prior(sensor)
     common = mean.copy()
     arm = _Arm(robot, contacts, poses)
-    bend = _Bend(nominal_mm[touched], held=len(arm.contact) >= LEAST_POSES)
+    bend = Bend(nominal_mm[touched], held=len(arm.contact) >= LEAST_POSES)
     count = np.bincount(part, minlength=len(touched))
     normal = None
     for turn in range(ROUNDS):
@@ -156,7 +155,9 @@ def adjust(
         common = common + step[: len(COMMON)]
         poses = poses + step[len(COMMON) : len(COMMON) + poses.size].reshape(-1, 3)
         arm = arm.moved(step[normal.size :])
-        bend.move(step[normal.size - len(bend.modes) : normal.size], normal)
+        if len(bend.modes):
+            of_bend = slice(normal.size - len(bend.modes), normal.size)
+            bend.move(step[of_bend], normal.variances(of_bend))
         shift = shift + moved
         # what is left over its degrees of freedom: two a dot, less three a contact and what the parts take
         freedom = 2.0 * (weight > 0.0).sum() - poses.size - 2.0 * (1.0 - 1.0 / sigma_before**2 / own).sum()
@@ -322,49 +323,6 @@ class _Arm:
             right[of] -= weighted @ left[row]
 
 
-class _Bend:
-    """Stretch and bend of the whole tape: all places that are polynomials of degree 2 of the design's, but for rigid motions.
-
-    To scatter by itself a part has a prior of its own. Of a thousand parts these priors would hold a common bend of theirs a
-    thousand times, against any robot. How large it is, is estimated as the scatter is. Without a robot nothing shows it.
-
-    modes (m, 2 k): x of all parts, then y; orthogonal, each with a root mean square of 1. None where no robot holds them.
-    amplitude_mm (m,): Of each.
-    """
-
-    def __init__(self, nominal_mm: FloatArray, *, held: bool) -> None:
-        x, y = ((nominal_mm - nominal_mm.mean(axis=0)) / max(float(nominal_mm.std()), 1e-9)).T
-        none, one = np.zeros_like(x), np.ones_like(x)
-        rigid = [np.concatenate(pair) for pair in ((one, none), (none, one), (-y, x))]
-        others = [np.concatenate(pair) for of in (x, y, x * x, x * y, y * y) for pair in ((of, none), (none, of))]
-        # what is left of the polynomials: of each one what those before it do not have; x along y is a turn and a shear
-        of_all = np.linalg.qr(np.stack([*rigid, *(other for k, other in enumerate(others) if k != 1)], axis=1))[0]
-        self.modes = of_all[:, len(rigid) :].T * np.sqrt(2.0 * len(x)) if held else np.empty((0, 2 * len(x)))
-        self.amplitude_mm, self.sigma_mm = np.zeros(len(self.modes)), LEAST_BEND_MM
-
-    @property
-    def shift_mm(self) -> FloatArray:
-        """Of each part (k, 2)."""
-        return (self.amplitude_mm @ self.modes).reshape(2, -1).T
-
-    def refuse_other_units(self) -> None:
-        """Refuse a tape that no film becomes: the poses are of another scale, or of another frame. Raises SpecError."""
-        most_mm = float(np.sqrt((self.shift_mm**2).sum(axis=1).mean()))
-        if most_mm > MOST_BEND_MM:
-            message = (
-                f"by the poses of the robot the tape is stretched or bent by {most_mm:.2g} mm (rms), more than {MOST_BEND_MM:g}"
-            )
-            remedy = "give poses in mm, of a calibrated robot, or leave out --poses"
-            raise SpecError(Problem("poses", f"{message} mm; {remedy}"))
-
-    def move(self, step: FloatArray, normal: _Normal) -> None:
-        if len(step):
-            self.amplitude_mm = self.amplitude_mm + step
-            # as for the scatter of parts, by expectation and maximisation
-            squares = self.amplitude_mm**2 + normal.variances(slice(normal.size - len(step), normal.size))
-            self.sigma_mm = max(float(np.sqrt(squares.mean())), LEAST_BEND_MM)
-
-
 class _Normal:
     """Normal equations of a round, the parts eliminated."""
 
@@ -407,7 +365,7 @@ class _Normal:
         self.size, self.factor = size, (np.empty((0, 0)), False)
         self.over: csr_matrix = self.cross
 
-    def bent(self, bend: _Bend, weight: FloatArray, towards: FloatArray) -> None:
+    def bent(self, bend: Bend, weight: FloatArray, towards: FloatArray) -> None:
         """Add the unknowns of a bend, about which parts scatter with this weight (k,) each, and are so far off, weighted."""
         if not len(bend.modes):
             return
