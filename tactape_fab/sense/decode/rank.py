@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, log
+from math import inf, isfinite, log
 
 import numpy as np
 
@@ -78,7 +78,13 @@ class Reading:
 
 
 def read(
-    dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | None, max_p_tape: float, precision: float
+    dots: Dots,
+    view: View,
+    world: Registry | CodePlane,
+    prior: Prior | None,
+    max_p_tape: float,
+    precision: float,
+    least: float = -inf,
 ) -> Reading | None:
     """Find the place that fits some dots best.
 
@@ -86,7 +92,8 @@ def read(
     max_p_tape: Other grids are tried unless the first one's place is clearly better than this asks for.
     prior: Expected region of the contact.
     precision: Largest error, upward, of the weight of other places.
-    Returns: None if there is no grid, or no place with enough dots on a tape.
+    least: A reading of a smaller `Reading.ln_bound` is of no use; one may be returned all the same.
+    Returns: None if there is no grid, or no place with enough dots on a tape or of use.
     """
     # the contact's centre (paper, Eq. 2), each dot by its trust: about it, turn and phases of a grid depend least on each other
     middle = dots.trust @ dots.xy_px / dots.trust.sum()
@@ -103,7 +110,8 @@ def read(
             break
         # all that the symbols say is fixed here, before a tape is looked at: the bound rests on it
         q = posteriors(fits[rank].nodes, fits[rank].squares, dots.weights, dots.trust, fits[rank].sigma)
-        place = _place(dots, fits[rank], q, view, world, view.centre_px - middle, prior, precision)
+        of_use = (least if best is None else max(least, best.ln_bound)) - log(GRID_SHARES[rank])
+        place = _place(dots, fits[rank], q, view, world, view.centre_px - middle, prior, precision, of_use)
         if place is None or not isfinite(place.score):
             continue
         if isinstance(world, Registry) and isinstance(place, Place) and world.built:
@@ -141,9 +149,22 @@ def _place(
     centre_px: FloatArray,
     prior: Prior | None,
     precision: float,
+    least: float,
 ) -> Place | PlanePlace | None:
     if isinstance(world, CodePlane):
         return world.search(fit.nodes, q)
     part = view.part
     turns = EVEN_TURNS if part is None else turn_weights(dots.elongation, dots.weights, dots.trust, fit.grid, part)
-    return search(world.tapes, world.families, fit.nodes, q, turns, fit.grid, centre_px, prior, precision)
+    return search(
+        world.tapes,
+        world.families,
+        fit.nodes,
+        q,
+        turns,
+        fit.grid,
+        centre_px,
+        prior,
+        precision,
+        least=least,
+        built=bool(world.built),
+    )

@@ -152,7 +152,10 @@ def share_of_others(others: float, p_tape: float) -> float:
     likelihood ratio, and p_place a probability, as far as the posteriors of the symbols are calibrated. They are not where the
     reading is wrong as a whole: its symbols are coins to every place then, whose E is 1 on the mean, the true one's as well. So a
     misread contact counts as one more place, of the weight `MISREAD_SHARE` and E = 1, which is p_tape of the answer's w E.
+    Where the others were not counted, as the answer says nothing, they are infinite, and p_place is at most 1.
     """
+    if others == inf:
+        return 1.0
     # in multiples of the answer: MISREAD_SHARE 1 / (w E), and 1 / (w E) is p_tape
     others += MISREAD_SHARE * p_tape
     return others / (1.0 + others)

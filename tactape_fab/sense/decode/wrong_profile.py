@@ -140,8 +140,9 @@ def _decoded(seen: Seen, view: View, dots: Dots, bound: float) -> Localization |
     if dots.trust.sum() < 1.0:
         return None
     limits = seen.limits
-    reading = read(dots, view, seen.world, None, bound, limits.precision)
-    if reading is None or -reading.ln_bound > log(limits.on_tape):
+    least = -log(limits.on_tape)
+    reading = read(dots, view, seen.world, None, bound, limits.precision, least)
+    if reading is None or reading.ln_bound < least:
         return None
     found, _ = accept_place(dots, reading, view, seen.world, limits)
     return found if found.located else None

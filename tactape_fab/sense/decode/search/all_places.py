@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactape_fab.base.jit import kernel
+from tactape_fab.base.jit import inlined_kernel, kernel
 from tactape_fab.sense.decode.search.evidence import Tables
 from tactape_fab.sense.decode.search.groups import OVER, Groups, Weights, likelier_turn
 from tactape_fab.sense.decode.search.holes import reach_holes, weigh_holed
@@ -16,6 +16,11 @@ from tactape_fab.sense.decode.search.many_tapes import choose, known_lines, many
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.sense.decode.search.tally import (
     BEST,
+    BOUNDED,
+    FITS,
+    LEAST_SHARE,
+    ROUNDING,
+    TOTAL,
     Buffers,
     Candidate,
     ManyBuffers,
@@ -23,6 +28,7 @@ from tactape_fab.sense.decode.search.tally import (
     count_bound,
     least_of,
     say_group,
+    start_anew,
     weigh_known,
     weigh_site,
 )
@@ -61,13 +67,44 @@ def _weigh(
 ) -> None:
     """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more.
 
-    First the classes of many sites, then those of few, each time places with all dots on a tape before others, and turns that the
-    dots' shape speaks for before others: what comes once the best place is known is mostly left out.
     Where `many` and `barred` are None numba leaves out the former, and sites of all sectors: half of what a search compiles.
     Where `holed` is None it leaves out tapes with holes.
     """
+    groups, weights, searches = Groups(fields, spans, limits), Weights(place, turn_terms), 1
     if many is not None and sites.kinds[2] == 1:
-        prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, buffers, many, holed)
+        prepare(tables, sites, groups, weights, tally, buffers, many, holed)
+        searches = 2 if tally.sums[BEST] < tally.sums[FITS] else 1
+    # nothing that fits is known: beside so poor a place none could be left out. First the best one alone, then, if it fits, all
+    for left in range(searches, 0, -1):
+        _weigh_groups(tables, sites, groups, weights, tally, buffers, many, barred, holed, left == 2)
+        if left == 2 and tally.sums[BEST] < tally.sums[FITS]:
+            tally.sums[TOTAL], tally.sums[BOUNDED] = np.inf, 0.0
+            break
+        if left == 2:
+            start_anew(tally)
+
+
+@inlined_kernel()
+def _weigh_groups(
+    tables: Tables,
+    sites: Sites,
+    groups: Groups,
+    weights: Weights,
+    tally: Tally,
+    buffers: Buffers,
+    many: ManyBuffers | None,
+    barred: IntArray | None,
+    holed: IntArray | None,
+    alone: bool,
+) -> None:
+    """Add all groups to a tally; where the best place is looked for `alone`, what others weigh together keeps none.
+
+    First the classes of many sites, then those of few, each time places with all dots on a tape before others, and turns that the
+    dots' shape speaks for before others: what comes once the best place is known is mostly left out.
+    """
+    share = tally.sums[LEAST_SHARE]
+    if alone:
+        tally.sums[LEAST_SHARE] = -ROUNDING
     # 0 and 1: classes of many sites, on the tape and over its edge; 2 and 3: of few
     for order in range(4):
         over = order % 2
@@ -79,13 +116,13 @@ def _weigh(
             # ln of the places of a group on all tapes: together they have to be negligible
             tapes = np.log(float(kind[TAPES] * (last - first)))
             for turn_k in range(4):
-                turn = likelier_turn(turn_k, turn_terms)
-                terms = (place[turn, over], turn_terms[turn])
-                for g in range(spans[turn, size, 0], spans[turn, size, 1]):
-                    group, limit = fields[g], limits[g]
+                turn = likelier_turn(turn_k, weights.turn)
+                terms = (weights.place[turn, over], weights.turn[turn])
+                for g in range(groups.spans[turn, size, 0], groups.spans[turn, size, 1]):
+                    group, limit = groups.fields[g], groups.limits[g]
                     if group[OVER] != over:
                         continue
-                    bound, of = limit[0] + limit[1], limit[2] + tapes
+                    bound, of = limit[0] + limit[1], 0.0 if alone else limit[2] + tapes
                     least = least_of(of, terms, tally.sums)
                     if bound < least:
                         count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)
@@ -126,3 +163,4 @@ def _weigh(
                             site += 1
                         if reach_holes(holed[layout], group):
                             weigh_holed(tables, sites, (group, limit), turn, (begin, site), of, terms, tally, buffers, many)
+    tally.sums[LEAST_SHARE] = share

@@ -25,6 +25,7 @@ from tactape_fab.sense.decode.search.tally import (
     LEFT_OUT,
     NEGLIGIBLE,
     NEXT_STRONGEST,
+    ROUNDING,
     STRONGEST,
     TOTAL,
     Tally,
@@ -36,8 +37,8 @@ from tactape_fab.texture.tape import Tape
 MOST_RADIUS_MM = 50.0
 _PLENTY = 0.05
 """Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
-_ROUNDING = 0.1
-"""More than bounds in single precision may be too small by (ln)."""
+_SAYS_NOTHING = 0.0
+"""ln of the weighted evidence below which p_tape is 1: how many other places fit as badly is not counted."""
 _RIVALS_SHARE = 0.02
 """exp(`NEGLIGIBLE`) over the allowed error, where dots may hang over the edges of unregistered tapes: there are so many groups
 of places then that half of the contacts of 7x7 mm and fewer were searched two or three times."""
@@ -116,7 +117,8 @@ class Place:
     tape, turn: Registered tape; quarter turns.
     cells (n, 2): Column and row of each dot on the tape; outside it for dots that hang over.
     shown (rows, columns): The tape's symbols, from `single_place.shown_by`.
-    others: Weighted evidence of all other registered places together, as a multiple of this one's.
+    others: Weighted evidence of all other registered places together, as a multiple of this one's; infinite where it was not
+        counted, as this place says nothing.
     lead: ln of how much likelier the dots are here than at any other registered place, whatever the weights.
     most_said: ln of the most evidence that the dots could give anywhere.
     tables, groups: Of each family, for `rivals`.
@@ -172,6 +174,9 @@ def search(
     centre_px: FloatArray,
     prior: Prior | None,
     precision: float = PRECISION,
+    *,
+    least: float = -inf,
+    built: bool = False,
 ) -> Place | None:
     """Compare soft symbols with every place and quarter turn on every registered tape.
 
@@ -179,7 +184,9 @@ def search(
     turn_weights (4,): How likely each quarter turn is by anything but the symbols; sums to 1.
     centre_px (2,): The image centre from the origin of the dots' coordinates.
     precision: Largest error of `Place.others`, upward, where it matters.
-    Returns: None where the dots reach farther than any contact, or no place has enough of them on a tape.
+    least: ln of the least weighted evidence of a place that is of use; without effect where there is a prior, or `built`.
+    built: Whether the parts of some tapes were measured, and their places are weighed anew.
+    Returns: None where the dots reach farther than any contact, or no place has enough of them on a tape or is of use.
     """
     tables = tuple(tables_of(nodes, q, family.signs, LARGEST_CONTACT) for family in families)
     if len(tables[0].dots[0]) == 1:  # the tables are empty: beyond `LARGEST_CONTACT`
@@ -190,19 +197,23 @@ def search(
     base = place_weights(counts, turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
     # L = E times how likely the turn is by the shape of the dots: only in L, never in E (docs/trust.md)
     cue = np.log(turn_weights)
+    without, raised = (np.empty(0), np.empty(0)) if near is None else _raised(near, turn_weights, base)
+    # where parts were measured, or near a prior, a place may say more than is found here
+    floor = -inf if built or near is not None else least
+    fits = -inf if built or (raised >= _SAYS_NOTHING).any() else max(_SAYS_NOTHING, floor + ROUNDING)
+    every = list(zip(tables, groups, families, strict=True))
     negligible = NEGLIGIBLE
     for last in (False, True):
-        tallies = [new_tally(negligible=negligible) for _ in families]
-        for t, g, family, tally in zip(tables, groups, families, tallies, strict=True):
-            if isinstance(family.registered, Matrices):
-                weigh_matrices(t, family.registered, LEAST_DOTS, base, cue, tally)
-            else:
-                weigh_sites(t, family.registered, g, Weights(base, cue), tally)
+        tallies = [_weighed(*of, Weights(base, cue), new_tally(floor, negligible, fits=fits)) for of in every]
         sums = [tally.sums.tolist() for tally in tallies]
         of = max(range(len(sums)), key=lambda k: sums[k][BEST])
         best, answer = sums[of][BEST], (of, *tallies[of].best_place[:4].tolist())
         if answer[1] < 0:
             return None
+        for k, s in enumerate(sums):
+            if best >= fits and s[TOTAL] == inf:  # a family says nothing: what it weighs beside another that does
+                tallies[k] = _weighed(*every[k], Weights(base, cue), new_tally(best, negligible))
+                sums[k] = tallies[k].sums.tolist()
         # the sum of pi L over all places, in multiples of the best (docs/trust.md)
         total = sum(s[TOTAL] * exp(s[BEST] - best) for s in sums)
         bounded = sum(s[BOUNDED] * exp(s[BEST] - best) for s in sums)
@@ -213,7 +224,6 @@ def search(
         negligible = _strict(groups, enough)
     if near is not None:
         # these places are in the total already, by their part of what all places weigh: only what the prior adds to it is added
-        without, raised = _raised(near, turn_weights, base)
         top = int(raised.argmax())
         if raised[top] > best:
             answer, total, best = tuple(near.places[top].tolist()), total * exp(best - float(raised[top])), float(raised[top])
@@ -261,7 +271,7 @@ def rivals(
         return _NO_RIVALS
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
     # from this ln L on a rival would take the answer's lead: such a place is looked at, however little it weighs
-    likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
+    likely = place.score + float(cue[place.turn]) - least_lead - ROUNDING if least_lead > 0.0 else inf
     enough = _enough(precision, place.score + place.weight)
     strict = _strict(place.groups, enough)
     negligible = max(min(NEGLIGIBLE, log(_RIVALS_SHARE * enough)), strict) if beyond else NEGLIGIBLE
@@ -295,7 +305,7 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
         # here each place alone has to reach the score: a group's number of places is set so that times the fewest tapes of a
         # class it is 1
         single = np.column_stack([g.limits[:, :2], np.full(len(g.limits), -log(tapes.min()))])
-        tally = new_tally(least_score, negligible=-_ROUNDING)
+        tally = new_tally(least_score, negligible=-ROUNDING)
         weigh_sites(t, sites, g._replace(limits=single), Weights(even, cue), tally)
         tally.sums[LEFT_OUT] = -inf
         tally.sums[BEST] += base.max()
@@ -318,6 +328,15 @@ def rehearse_search(families: Sequence[Family], directions: int) -> None:
         for sites in (family.registered, family.unregistered):
             if sites is not None:
                 weigh_sites(tables, sites, groups, Weights(base, cue), new_tally())
+
+
+def _weighed(tables: Tables, groups: Groups, family: Family, weights: Weights, tally: Tally) -> Tally:
+    """A tally with the registered places of a family in it."""
+    if isinstance(family.registered, Matrices):
+        weigh_matrices(tables, family.registered, LEAST_DOTS, weights.place, weights.turn, tally)
+    else:
+        weigh_sites(tables, family.registered, groups, weights, tally)
+    return tally
 
 
 _Others = list[tuple[Tables, Groups, Sites, Family]]

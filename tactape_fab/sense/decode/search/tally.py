@@ -15,24 +15,27 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NEGLIGIBLE = -14.5
 """ln of the share of the answer's weight below which a group of places is counted at its bound, if not said otherwise."""
+ROUNDING = 0.1
+"""More than bounds in single precision may be too small by (ln)."""
 FAR_BELOW = 32.0
 """Single places that far (ln) below the answer are left out."""
 
 
-BEST, TOTAL, STRONGEST, NEXT_STRONGEST, LEFT_OUT, LEAST_SHARE, LIKELY, BOUNDED = range(8)
+BEST, TOTAL, STRONGEST, NEXT_STRONGEST, LEFT_OUT, LEAST_SHARE, LIKELY, BOUNDED, FITS = range(9)
 """Fields of `Tally.sums`: ln of the best weight, and the weight of all places together as a multiple of it; ln L of the strongest
 place, of the next, and its bound at all that were not looked at; ln of the share of the best weight that is negligible, and the
-ln L from which on a place is looked at however little it weighs; the part of the weight of all that is of bounds."""
+ln L from which on a place is looked at however little it weighs; the part of the weight of all that is of bounds; ln of the best
+weight below which the weight of all may stay unknown, and `TOTAL` is infinite then."""
 
 
-_NO_SUMS = np.array([-np.inf, 0.0, -np.inf, -np.inf, -np.inf, NEGLIGIBLE, np.inf, 0.0])
+_NO_SUMS = np.array([-np.inf, 0.0, -np.inf, -np.inf, -np.inf, NEGLIGIBLE, np.inf, 0.0, -np.inf])
 _NOWHERE = np.full(6, -1, dtype=np.int64)
 
 
 class Tally(NamedTuple):
     """Running result of a search: the best place, and the weight of all.
 
-    sums (8,): `BEST` ... `BOUNDED`. An array: a call with a tuple that holds a record takes numba 15 us more.
+    sums (9,): `BEST` ... `FITS`. An array: a call with a tuple that holds a record takes numba 15 us more.
     best_place, strongest_place (6,): Turn, site, column, row, u and v of the place of most weight, and of that of largest L.
     """
 
@@ -41,11 +44,23 @@ class Tally(NamedTuple):
     strongest_place: IntArray
 
 
-def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: float = np.inf) -> Tally:
-    """A tally with nothing in it; weights are held against `floor` from the start, and places as `likely` are looked at."""
+def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: float = np.inf, fits: float = -np.inf) -> Tally:
+    """A tally with nothing in it; weights are held against `floor` from the start, and places as `likely` are looked at.
+
+    fits: ln of the best weight below which that of all need not be known.
+    """
     sums = _NO_SUMS.copy()
-    sums[BEST], sums[LEAST_SHARE], sums[LIKELY] = floor, negligible, likely
+    sums[BEST], sums[LEAST_SHARE], sums[LIKELY], sums[FITS] = floor, negligible, likely, fits
     return Tally(sums, _NOWHERE.copy(), _NOWHERE.copy())
+
+
+@inner_kernel()
+def start_anew(tally: Tally) -> None:
+    """Forget all places but the best weight, which stays as a floor: that place is found again."""
+    tally.sums[TOTAL] = tally.sums[BOUNDED] = 0.0
+    tally.sums[STRONGEST] = tally.sums[NEXT_STRONGEST] = tally.sums[LEFT_OUT] = -np.inf
+    for k in range(6):
+        tally.best_place[k] = tally.strongest_place[k] = -1
 
 
 class Candidate(NamedTuple):
