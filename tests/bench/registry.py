@@ -1,8 +1,9 @@
 """What many tapes cost the decoder: `python -m tests.bench.registry [--tapes 256 4096 65536] [--frames 100] [--page FILE]`.
 
-Processor time of a frame (contacts of 11x9 mm) beside that with one tape, of loading a packed registry, and memory of each tape
-beyond its symbols, which stay in the file. Then 256 tapes that each have holes beside 256 without, `anoto-6x6` about the smallest
-contacts that it locates, and loading the manifests of 4,096 kits. Each row is measured in a process of its own.
+Processor time of a frame (contacts of 11x9 mm) beside that with one tape, of a frame of a texture that nobody registered, of
+loading a packed registry, and memory of each tape beyond its symbols, which stay in the file. Then 256 tapes that each have
+holes beside 256 without, `anoto-6x6` about the smallest contacts that it locates, and loading the manifests of 4,096 kits.
+Each row is measured in a process of its own.
 """
 
 from __future__ import annotations
@@ -102,12 +103,15 @@ def measured(of: str, world: World, frames: int, rounds: int) -> dict[str, Any]:
         ready_s, each = process_time() - start, (anonymous_bytes() - before - held) / len(tapes)
         tape, scene = tapes[0], Scene()
     depths = [frame.depth for frame in iterate_frames(tape, frames, SEED, scene=scene)]
+    foreign = replace(tape, symbols=np.random.default_rng(SEED).integers(0, 4, tape.symbols.shape).astype(np.uint8))
     times, located = frame_ms(found, depths, rounds)
     p50, p99 = np.percentile(times, [50, 99]).tolist()
     row = {"p50": p50, "p99": p99, "located": located, "frames": frames}
     if of.startswith(ANOTO):
         return row
     one, _ = frame_ms(first, depths, rounds)
+    others = [frame.depth for frame in iterate_frames(foreign, frames, SEED, scene=scene)]
+    row["foreign"] = float(np.median(frame_ms(found, others, rounds)[0]))
     return {**row, "one": float(np.median(one)), "tapes": len(tapes), "loaded_s": loaded_s, "ready_s": ready_s, "bytes": each}
 
 
@@ -124,7 +128,8 @@ def packed_row(name: str, tapes: Sequence[Tape], folder: Path, world: World, fra
     row = in_process(file, world, frames, rounds)
     return (
         f"| {name} | {world} | {row['p50']:.2f} | {row['p99']:.2f} | {row['p50'] / row['one']:.1f} | "
-        f"{row['located']} of {frames} | {row['loaded_s']:.2f} | {row['ready_s']:.2f} | {row['bytes'] / 1e3:.1f} |"
+        f"{row['located']} of {frames} | {row['foreign']:.1f} | "
+        f"{row['loaded_s']:.2f} | {row['ready_s']:.2f} | {row['bytes'] / 1e3:.1f} |"
     )
 
 
@@ -137,8 +142,9 @@ def table(wanted: str | None, counts: Iterable[int], worlds: Sequence[World], fr
         if wanted in (None, "holes"):
             rows.append((f"256, {len(holed.omitted)} points of each without a part", holed, 256))
         if rows:
-            yield "| tapes | world | p50, ms | p99, ms | p50 / one tape | located | load, s | ready, s | kB a tape |"
-            yield "|---" * 9 + "|"
+            titles = ("tapes", "world", "p50, ms", "p99, ms", "p50 / one tape", "located", "foreign, p50, ms")
+            yield "| " + " | ".join((*titles, "load, s", "ready, s", "kB a tape")) + " |"
+            yield "|---" * 10 + "|"
         for title, like, count in rows:
             tapes = list(tapes_like(like, count))
             for world in worlds:

@@ -227,7 +227,7 @@ def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int
     if doubt.unregistered is not None:
         return _unregistered(doubt.unregistered)
     if limits.max_p_tape is None and not p_false <= limits.max_p_false:
-        what = "may be no tape of ours" if p_tape > p_place else "several places fit"
+        what = "may be no tape of ours" if p_tape >= p_place else "several places fit"
         return f"{what}: p_false {p_false:.1e} exceeds {limits.max_p_false:.1e}"
     if limits.max_p_tape is not None and not p_tape <= limits.max_p_tape:
         return f"may be no tape of ours: p_tape {p_tape:.1e} exceeds {limits.max_p_tape:.1e}"

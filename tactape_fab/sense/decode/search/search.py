@@ -119,7 +119,8 @@ class Place:
     shown (rows, columns): The tape's symbols, from `single_place.shown_by`.
     others: Weighted evidence of all other registered places together, as a multiple of this one's; infinite where it was not
         counted, as this place says nothing.
-    lead: ln of how much likelier the dots are here than at any other registered place, whatever the weights.
+    lead: ln of how much likelier the dots are here than at any other registered place, whatever the weights; no more than that
+        where `others` is infinite.
     most_said: ln of the most evidence that the dots could give anywhere.
     tables, groups: Of each family, for `rivals`.
     turn_weights (4,)

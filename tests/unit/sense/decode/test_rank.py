@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from math import inf, log, nan
 from typing import Any
@@ -50,7 +51,7 @@ class World:
     expected: tuple[bool, ...] = (True, True, True)
     scores: tuple[float | None, ...] = (10.0, 10.0, 10.0)
     broken: tuple[int, ...] = ()
-    asked: dict[str, list[Any]] = field(default_factory=lambda: {"grids": [], "fits": [], "places": [], "turns": [], "built": []})
+    asked: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
     def find_lattices(self, xy: FloatArray, strength: FloatArray, pitch_px: float, tolerance: float, most: int) -> FloatArray:
         self.asked["grids"].append((xy, strength, pitch_px, tolerance, most))
@@ -67,8 +68,11 @@ class World:
         assert weights is DOTS.weights and trust is DOTS.trust and sigma == 0.01 * (nodes[0, 0] + 1)
         return np.full((len(nodes), 4), float(nodes[0, 0]))
 
-    def search(self, tapes: Any, families: Any, nodes: Any, q: Any, turns: Any, grid: Any, *of: Any) -> Any:
+    def search(
+        self, tapes: Any, families: Any, nodes: Any, q: Any, turns: Any, grid: Any, *of: Any, least: float, built: bool
+    ) -> Any:
         assert tapes is REGISTRY.tapes and families is REGISTRY.families
+        self.asked["of use"].append((least, built))
         return self._placed(int(nodes[0, 0]), (q, turns, grid, *of))
 
     def of_plane(self, nodes: Any, q: Any) -> Any:
@@ -108,10 +112,11 @@ def best_of(
     view: View = VIEW,
     registry: Registry | CodePlane = REGISTRY,
     dots: Dots = DOTS,
+    least: float = -inf,
 ) -> Reading | None:
     for name in ("find_lattices", "fit_grid", "posteriors", "search", "turn_weights", "as_built"):
         monkeypatch.setattr(rank, name, getattr(world, name))
-    return read(dots, view, registry, None, max_p_tape, 1e-5)
+    return read(dots, view, registry, None, max_p_tape, 1e-5, least)
 
 
 def test_a_view_s_pitch_and_displacement() -> None:
@@ -159,6 +164,17 @@ def test_a_clear_first_grid_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> 
         world = World()
         reading = best_of(monkeypatch, world, max_p_tape=float(np.exp(-bound + 2.0 + more)))
         assert world.tried == tried and reading is not None and reading.place.tape == 0  # type: ignore[union-attr]
+
+
+def test_another_grid_s_place_has_to_be_better_than_the_first_one_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second, third = (log(share) for share in GRID_SHARES)
+    world = World(scores=(10.0, 1.0, 20.0))
+    best_of(monkeypatch, world)
+    bound = 10.0 - 2.0 + first
+    assert world.asked["of use"] == [(-inf, False), (pytest.approx(bound - second), False), (pytest.approx(bound - third), False)]
+    world = World(scores=(None, 1.0, 20.0))
+    best_of(monkeypatch, world, least=7.0)
+    assert [least for least, _ in world.asked["of use"]] == pytest.approx([7.0 - first, 7.0 - second, 7.0 - third])
 
 
 def test_only_the_first_grid_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,7 +257,7 @@ def test_measured_places_are_compared_where_a_tape_has_some(monkeypatch: pytest.
     assert (design, free) == ((1.5, VIEW.shift), True)
     assert tapes is built.tapes and told is built.built and families is built.families
     best_of(monkeypatch, world, registry=built, max_p_tape=SOON_CLEAR, view=replace(VIEW, scale_tolerance=0.0))
-    assert world.asked["built"][1][4] is False
+    assert world.asked["built"][1][4] is False and world.asked["of use"][-1][1] is True
     none = World()
     best_of(monkeypatch, none)
     assert none.asked["built"] == []

@@ -192,11 +192,52 @@ def test_search_is_a_plain_enumeration(name: str, corner: tuple[int, int], doubt
     assert place.weight == pytest.approx(np.log(weights[best]), abs=1e-4)
     others = np.exp(np.delete(score, best) - score[best]).sum()
     slack = 2e-5 if score[best] > 0.0 else np.exp(-4.0)  # what is left out is counted at a bound; without evidence none is sharp
-    assert others * (1 - 1e-4) - 1e-6 <= place.others <= others * (1 + 1e-4) + slack
+    assert others * (1 - 1e-4) - 1e-6 <= place.others
+    counted = place.others != np.inf
+    assert place.others <= others * (1 + 1e-4) + slack if counted else score[best] < 0.0
     likelihood = found.value + np.log(TURNS[found.turn])
     lead = likelihood[best] - np.delete(likelihood, best).max()
     assert place.lead <= lead + 1e-4
-    assert place.lead >= min(lead, 8.0) - 1e-4
+    assert not counted or place.lead >= min(lead, 8.0) - 1e-4
+
+
+@pytest.mark.parametrize("name", ["many", "many, holes", "hundreds, close together", "touch and planes", "mixed"])
+@pytest.mark.parametrize("dots", [12, 24])
+def test_the_best_place_is_found_where_nothing_fits(name: str, dots: int) -> None:
+    tapes = REGISTRIES[name]
+    rng = np.random.default_rng([len(name), dots])
+    nodes, q = seen(touch_of(90), (30, 9), int(rng.integers(4)), rng, dots=dots, doubt=0.02)
+    known = families(tapes, open_world=False)
+    place = search(tapes, known, nodes, q, TURNS, GRID, CENTRE, None)
+    assert place is not None
+    each = [enumerate_places(tape, tape.sector, nodes, q) for tape in tapes]
+    found = joined(each)
+    score = found.value + np.log(weights_of(found, TURNS))
+    best = int(score.argmax())
+    assert score[best] < 0.0
+    assert np.repeat(np.arange(len(tapes)), [len(here.turn) for here in each])[best] == place.tape
+    assert (found.turn[best], found.column[best], found.row[best]) == (place.turn, *place.cells.min(axis=0))
+    assert place.score + place.weight == pytest.approx(score[best], abs=1e-4)
+    # how much others weigh beside a place that says nothing is known, or is not counted
+    assert place.others >= np.exp(np.delete(score, best) - score[best]).sum() * (1 - 1e-4)
+    assert place.others == np.inf or not name.startswith(("many", "hundreds"))
+    below, above = (search(tapes, known, nodes, q, TURNS, GRID, CENTRE, None, least=score[best] + d) for d in (-1.0, 1.0))
+    assert below is not None and below.tape == place.tape and below.score == pytest.approx(place.score, abs=1e-4)
+    assert above is None
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_tapes_of_a_code_that_says_nothing_weigh_beside_those_of_another(first: bool) -> None:
+    others = [replace(tape_of(s, (20, 14)), name=f"o{s}", code="anoto-6x6") for s in range(25, 45)]
+    tapes = [*others, *REGISTRIES["many"]] if first else [*REGISTRIES["many"], *others]
+    rng = np.random.default_rng(4)
+    nodes, q = seen(tape_of(9, (20, 14)), (8, 4), 1, rng, dots=20, doubt=0.15)
+    place = search(tapes, families(tapes, open_world=False), nodes, q, TURNS, GRID, CENTRE, None)
+    found = joined([enumerate_places(tape, tape.sector, nodes, q) for tape in tapes])
+    score = found.value + np.log(weights_of(found, TURNS))
+    assert place is not None and tapes[place.tape].name == "s9"
+    rest = np.exp(np.delete(score, score.argmax()) - score.max()).sum()
+    assert rest * (1 - 1e-4) - 1e-6 <= place.others <= rest * (1 + 1e-4) + 2e-5
 
 
 @pytest.mark.parametrize(("name", "known"), [("many", False), ("hundreds, close together", True)])
