@@ -21,7 +21,19 @@ from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.search.bounds import NEVER
 from tactape_fab.sense.decode.search.evidence import Tables
 from tactape_fab.sense.decode.search.single_place import NO_PART
-from tactape_fab.sense.decode.search.tally import BEST, FAR_BELOW, LEFT_OUT, Tally, count_at, count_bound, least_of
+from tactape_fab.sense.decode.search.tally import (
+    BEST,
+    BOUNDED,
+    FAR_BELOW,
+    FITS,
+    LEFT_OUT,
+    TOTAL,
+    Tally,
+    count_at,
+    count_bound,
+    least_of,
+    start_anew,
+)
 from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 
 Words = npt.NDArray[np.uint64]
@@ -226,19 +238,26 @@ def _weigh(
         widest = max(widest, matrices.sizes[of, 0] + frame.most.shape[1] - 1)
     # no fewer than there are: turns, tapes, rows and columns of the largest
     places = np.log(4.0 * tapes * frame.counts.shape[1] * widest)
-    bound = least_of(places, (0.0, 0.0), tally.sums) - _DEEPER
-    if tally.sums[BEST] <= 0.0:
-        bound = max(bound, tally.sums[BEST] + _NEGLIGIBLE_TO_NONE - places)
-    _fill_least(frame, dots, size, matrices.sizes, least, base, bound)
-    for tape in range(tapes):
+    for left in range(2 if tally.sums[BEST] < tally.sums[FITS] else 1, 0, -1):
+        # as in `all_places`: nothing that fits is known, so first the best place alone
+        bound = tally.sums[BEST] - _ROUNDING if left == 2 else least_of(places, (0.0, 0.0), tally.sums) - _DEEPER
+        if left == 1 and tally.sums[BEST] <= 0.0:
+            bound = max(bound, tally.sums[BEST] + _NEGLIGIBLE_TO_NONE - places)
+        _fill_least(frame, dots, size, matrices.sizes, least, base, bound)
+        for tape in range(tapes):
+            for turn in range(4):
+                _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], bound, tally, np.bool_(True))
+        likelihood = NEVER
         for turn in range(4):
-            _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], bound, tally, np.bool_(True))
-    likelihood = NEVER
-    for turn in range(4):
-        for over in range(2):
-            if base[turn, over] > _EVIDENT:
-                likelihood = max(likelihood, bound - base[turn, over] + cue[turn])
-    count_bound(np.exp(places + bound - tally.sums[BEST]), likelihood, tally.sums)
+            for over in range(2):
+                if base[turn, over] > _EVIDENT:
+                    likelihood = max(likelihood, bound - base[turn, over] + cue[turn])
+        count_bound(np.exp(places + bound - tally.sums[BEST]), likelihood, tally.sums)
+        if left == 2 and tally.sums[BEST] < tally.sums[FITS]:
+            tally.sums[TOTAL], tally.sums[BOUNDED] = np.inf, 0.0
+            break
+        if left == 2:
+            start_anew(tally)
 
 
 @inner_kernel()
