@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import degrees, exp, inf, isfinite, log
+from math import degrees, exp, inf, isfinite, log, nextafter
 from numbers import Real
 
 import numpy as np
@@ -201,7 +201,7 @@ def search(
     without, raised = (np.empty(0), np.empty(0)) if near is None else _raised(near, turn_weights, base)
     # where parts were measured, or near a prior, a place may say more than is found here
     floor = -inf if built or near is not None else least
-    fits = -inf if built or (raised >= _SAYS_NOTHING).any() else max(_SAYS_NOTHING, floor + ROUNDING)
+    fits = -inf if built or (raised >= _SAYS_NOTHING).any() else max(_SAYS_NOTHING, nextafter(floor, inf))
     every = list(zip(tables, groups, families, strict=True))
     negligible = NEGLIGIBLE
     for last in (False, True):
