@@ -86,7 +86,7 @@ def _touched(
     x, y = bins.x_mm[part] - poses[pose, 0], bins.y_mm[part] - poses[pose, 1]
     at_mm = np.stack([c * x - s * y, s * x + c * y], axis=-1)
     if scene.contact == "strip":
-        at_mm = bent(scene, at_mm)
+        at_mm = bent(scene, at_mm, tape.part.body_mm[2])
     if scene.placement_mm:
         at_mm = at_mm + scene.placement_mm * rng.standard_normal(at_mm.shape)
     most_u, most_v = view.half_field_mm

@@ -62,9 +62,10 @@ class View:
     def from_board(self, xy_mm: FloatArray) -> FloatArray:
         """Board points in view; shape (..., 2), mm."""
         flat: FloatArray = (board_to_texture(xy_mm, self.tape.board.texture_origin_mm) - self.position_mm) @ self.turn
+        height_mm = self.tape.part.body_mm[2]  # what the gel touches are the parts' tops
         if self.scene.elastic is not None:
-            return projected(self.scene, flat, self.tape.part.body_mm[2])
-        return bent(self.scene, flat) if self.scene.contact == "strip" else flat
+            return projected(self.scene, flat, height_mm)
+        return bent(self.scene, flat, height_mm) if self.scene.contact == "strip" else flat
 
     def to_board(self, in_view_mm: FloatArray) -> FloatArray:
         """Board points of points in view, for a flat board; shape (..., 2), mm."""
@@ -80,7 +81,7 @@ class View:
         return near
 
 
-def bent(scene: Scene, flat_mm: FloatArray, height_mm: float = 0.0) -> FloatArray:
+def bent(scene: Scene, flat_mm: FloatArray, height_mm: float) -> FloatArray:
     """Points of a tape wrapped about a strip's cylinder, or above them, seen from above; the image centre does not move."""
     radius = scene.cylinder_radius_mm
     seen_radius = radius + height_mm
