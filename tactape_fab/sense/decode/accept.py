@@ -33,7 +33,8 @@ there so many registered places of even weight. 256 tapes of the default size ha
 _BY_CHANCE = 1e-5
 """Share of max_p_false. Where p_tape is below it, chance does not explain the dots; nor can an unregistered tape at its default
 origin by its edge, where dots beyond it may be anything."""
-_TILTED = "the contact is tilted: its pressure falls across the parts, which the dots' heights tell and their pixels do not"
+_TILTED = "the contact is tilted or bent: its pressure falls across the parts, which the dots' heights tell and pixels do not"
+_ON_FLANK = "the tape is bent away from under the image centre, so that no place is under it; press nearer to the image's middle"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,11 +102,13 @@ def accept_place(
     if pressed is not None and seen_px is not None:
         gel, image, small = pressed
         said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
-        slope = contact.slope()
-        if slope is not None:
+        lie = contact.lie()
+        if lie is not None:
+            if lie.bend is not None and lie.bend.on_flank:
+                return Localization(located=False, reason=_ON_FLANK, **said), other
             places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, built_mm)
             border_mm = gel.from_border_mm(seen_px)
-            pose, offset_px, drawn = tilted_pose(pose, slope, *places, on.weights, heights, border_mm, contact.as_film(), view)
+            pose, offset_px, drawn = tilted_pose(pose, lie, *places, on.weights, heights, border_mm, view)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()

@@ -119,9 +119,9 @@ class Localization:
         They come from the fit that gives the pose, so the profile's standard deviations are their prior. The image alone does
         not tell the camera from the gel. An entry is None where the frame leaves 0.9 of the prior's standard deviation or more:
         it is not observable then. The rotation never is: a gel that turns as a whole looks as a sensor that is turned, and is in
-        `theta_deg`. Displacement of the gel by `[gel]` counts as an error of the dots, and is in `strain_sigma`. On a cylinder of
-        radius R what is seen is foreshortened across the axis: a strip of half width h by about h^2 / (10 R^2), which is seen
-        as aspect (0.3 % at 6 mm on 15.7 mm).
+        `theta_deg`. Displacement of the gel by `[gel]` counts as an error of the dots, and is in `strain_sigma`. A tape that
+        the depths show to be round a cylinder is unrolled before; where they do not, as without ``depth.unit_mm`` in the profile,
+        a strip of half width h on a radius R is foreshortened by about h^2 / (10 R^2), which is seen as aspect.
     refined : {"dots", "pixels"} or None
         What the pose was fitted to: the dots' centres, or the pixels around them. None where it is not located.
     refine_reason : str or None

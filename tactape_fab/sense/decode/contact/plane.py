@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactape_fab.sense.decode.contact.bent import Bend, bend_of
 from tactape_fab.texture.frames import FloatArray
 
 LEAST_TOPS = 8
@@ -24,6 +25,9 @@ FLAT_TOLERANCE = 0.0004
 """Curvature, 1/mm, by which tops of a flat tape may differ from the crown; it is 1/2500 mm."""
 FLAT_CHI2 = 11.3
 """Squared distance of three curvatures and a gain beyond which a tape is not flat: 99 % with 3 degrees of freedom."""
+FILM = 0.002
+"""Curvature, 1/mm, below which there is none: contacts of the elastic simulator show 0.0003 beside the crown's, those of the
+imprint model, which are domes, 0.005 and more."""
 ROUNDS, FAR = 3, 2.5
 """Rounds of the robust fit, and the errors at which its weight has fallen to a quarter (Geman and McClure)."""
 LEAST_ERROR_MM = 0.0015
@@ -45,6 +49,7 @@ class Plane:
     flat: Whether the tops' curvature is that of the gel's crown.
     shown (6,): The fitted surface as the frame shows it: height, slopes, and second derivatives by uu, vv and uv.
     shown_variance (6, 6)
+    bend: Of a tape that is bent about one axis; None of any other.
     """
 
     rise: FloatArray
@@ -53,6 +58,7 @@ class Plane:
     flat: bool
     shown: FloatArray
     shown_variance: FloatArray
+    bend: Bend | None
 
 
 def terms(gel_mm: FloatArray) -> FloatArray:
@@ -92,10 +98,25 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
     of_rise = rates @ covariance @ rates.T
     # the slope is read at the image's centre: with the gel's apex elsewhere it is off by the curvature times that distance
     apex = 0.0 if crown_mm is not None else APEX_MM * float(np.abs(shown[3:]).max())
+    middle_mm = weights @ gel_mm / weights.sum()
+    bend = None if crown_mm is None or flat is not None else _bend(shown, variance, crown, middle_mm)
+    if bend is not None:
+        # the circle of the tops goes on beyond the contact as a parabola does not
+        rise = np.append(terms(middle_mm[None])[0] @ shown / gain + bend.height_mm(middle_mm), bend.slope)
+        changes = np.array([other.slope - bend.slope for other in bend.unsure()])
+        of_rise[1:, 1:] = changes.T @ changes
     of_rise[1:, 1:] += np.eye(2) * (SLOPE_FLOOR**2 + apex**2) + np.diag(SLOPE_SHARE * rise[1:]) ** 2
     if not (np.isfinite(rise).all() and np.isfinite(of_rise).all()):
         return None
-    return Plane(rise=rise, covariance=of_rise, gain=gain, flat=flat is not None, shown=shown, shown_variance=variance)
+    return Plane(rise=rise, covariance=of_rise, gain=gain, flat=flat is not None, shown=shown, shown_variance=variance, bend=bend)
+
+
+def _bend(shown: FloatArray, variance: FloatArray, crown: FloatArray, middle_mm: FloatArray) -> Bend | None:
+    """The bend of a tape that is not flat, by the surface that the frame shows."""
+    surface = shown[1:] / GAIN + np.concatenate([(0.0, 0.0), crown])
+    of_surface = variance[1:, 1:] / GAIN**2
+    least = FILM + 2.0 * float(np.sqrt(of_surface.diagonal()[2:].max()))
+    return bend_of(surface, of_surface, GAIN_SIGMA / GAIN, middle_mm, least)
 
 
 def _surface(

@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, hypot, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from tactape_fab.base.jit import kernel
+from tactape_fab.sense.decode.contact.bent import Bend
 from tactape_fab.sense.decode.contact.layer import force_on
 from tactape_fab.sense.decode.contact.plane import Plane, fit_plane, terms
 from tactape_fab.sense.decode.dots.detect import coarseness
 from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.sense.geometry import Camera, Gel
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
@@ -106,6 +109,19 @@ def _whole(mask: BoolArray, factor: int) -> BoolArray:
     return np.asarray(mask[: h * factor, : w * factor].reshape(h, factor, w, factor).all(axis=(1, 3)))
 
 
+class Lie(NamedTuple):
+    """How a tape lies under the image that is tilted or bent.
+
+    slope (2,): Rise towards the sensor along image u and v, in the image's centre.
+    bend: Of a tape that is bent about one axis.
+    film: Whether the tops are flat or bent about one axis, as those of a film: it is tilted or bent then, whatever else.
+    """
+
+    slope: FloatArray
+    bend: Bend | None
+    film: bool
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactSurface:
     """A located frame at its dots, and its coarse depths: some kilobytes.
@@ -116,6 +132,7 @@ class ContactSurface:
     heights (k,): Weights of the dots: about 1 inside the contact, and less at its rim.
     tops (k,): Means of the pixels about each dot, in the frame's unit.
     coarse (h, w): Mean of each cell, in the frame's unit.
+    curvatures (3,): Second derivatives of the tops by uu, vv and uv, in that unit per px^2.
     """
 
     view: ContactView
@@ -126,6 +143,7 @@ class ContactSurface:
     heights: FloatArray
     tops: FloatArray
     coarse: FloatArray
+    curvatures: FloatArray
 
     @cached_property
     def _tops(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -150,28 +168,29 @@ class ContactSurface:
     def _steep(self) -> bool:
         return self._fitted is not None and hypot(*self._fitted.rise[1:]) > MOST_SLOPE
 
-    def slope(self) -> FloatArray | None:
-        """Slopes, shape (2,), of a tape that is tilted by 1 to 30 degrees; None of any other, or one not known to be.
+    def lie(self) -> Lie | None:
+        """How a tape lies that is tilted by 1 to 30 degrees or bent; None of any other, or one that is not known to be.
 
-        A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit.
+        A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit, unless they are
+        round a cylinder.
         """
         least = self.view.off_mm
-        if least is None or (abs(self.off_mm[0]) < least[0] and abs(self.off_mm[1]) < least[1]):
+        if least is None or (abs(self.off_mm[0]) < least[0] and abs(self.off_mm[1]) < least[1] and not self._maybe_bent()):
             return None
-        if self.plane is None:
+        plane = self._fitted
+        if plane is None or (plane.bend is None and (self._steep or hypot(*plane.rise[1:]) <= LEAST_SLOPE)):
             return None
-        slope = self.plane.rise[1:]
-        return slope if float(slope @ slope) > LEAST_SLOPE**2 else None
+        return Lie(slope=plane.rise[1:], bend=plane.bend, film=plane.flat or plane.bend is not None)
 
-    def as_film(self) -> bool:
-        """Whether the tops' curvature beyond the gel's crown is about one axis at most: a film is not bent into a dome."""
-        plane, crown_mm = self.plane, self.view.gel.crown_mm
-        if plane is None or crown_mm is None:
-            return False
-        u, v, uv = (plane.shown[3:] / plane.gain + (1 / crown_mm[0], 1 / crown_mm[1], 0.0)).tolist()
-        # principal curvatures are (u + v) / 2 +- hypot((u - v) / 2, uv), Mohr's circle: this is the smaller one's size
-        least = abs(abs(u + v) / 2 - hypot((u - v) / 2, uv))
-        return bool(least < FILM + 2.0 * sqrt(plane.shown_variance.diagonal()[3:].max()) / plane.gain)
+    def _maybe_bent(self) -> bool:
+        """Whether the tops' curvature may be that of a tape round a narrow cylinder, by a fit without much care."""
+        (u, v), unit_mm = self.view.px_per_mm, self.view.unit_mm
+        assert self.view.gel.crown_mm is not None
+        crown_u, crown_v = self.view.gel.crown_mm
+        uu, vv, uv = (self.curvatures * unit_mm).tolist()
+        uu, vv = uu * u * u + 1.0 / crown_u, vv * v * v + 1.0 / crown_v
+        mean, half = abs(uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv * u * v)
+        return bool(mean + half > NARROW and abs(mean - half) < ONE_SIDED * (mean + half))
 
     @cached_property
     def force(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
@@ -261,9 +280,9 @@ LEAST_SLOPE = 0.0175
 """Slope, 1 degree, below which a contact counts as flat."""
 MOST_SLOPE = 0.58
 """Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same."""
-FILM = 0.002
-"""Curvature, 1/mm, below which there is none: contacts of the elastic simulator show 0.0003 beside the crown's, those of the
-imprint model, which are domes, 0.005 and more."""
+NARROW, ONE_SIDED = 0.02, 0.5
+"""Curvature, 1/mm, from which a tape that is touched in the image's centre is looked at more closely, and the most that it has
+along the axis, as a share. Unrolled, tops 3 mm from the top line of a cylinder of 50 mm move by 2 um."""
 LEAST_OFF = 0.25
 """Share of the crown's radius times that slope by which the middle of the dots is at least off the image's centre then. Where
 forces are small it is all of it; at 10 N, where the image is full of dots, about a third."""
@@ -279,7 +298,8 @@ def contact_surface(
     dots_px, agree, heights, pitch_mm: As in `ContactSurface`.
     """
     tops, coarse = np.empty(len(dots_px)), np.empty((image.shape[0] // view.factor, image.shape[1] // view.factor))
-    u, v = taken(image, small, dots_px, agree, view.margin, view.blocks, tops, coarse, np.empty(small.shape[1]))
+    line, normal = np.empty(small.shape[1]), np.zeros((7, 7))
+    u, v = taken(image, small, dots_px, agree, heights, view.margin, view.blocks, tops, coarse, line, normal)
     return ContactSurface(
         view=view,
         pitch_mm=pitch_mm,
@@ -289,6 +309,7 @@ def contact_surface(
         heights=heights,
         tops=tops,
         coarse=coarse,
+        curvatures=normal[3:6, 6],
     )
 
 
@@ -298,15 +319,18 @@ def taken(
     small: Image,
     dots_px: FloatArray,
     agree: BoolArray,
+    heights: FloatArray,
     margin: int,
     blocks: int,
     tops: FloatArray,
     coarse: FloatArray,
     line: FloatArray,
+    normal: FloatArray,
 ) -> tuple[float, float]:
     """Fill in the mean of the pixels about each dot, or of the nearest that are whole, and the means of cells of `blocks` blocks.
 
-    Returns the mean of the dots that agree; `line` is a work buffer.
+    Returns the mean of the dots that agree; `line` is a work buffer, and so is `normal` (7, 7), zero before, which has the second
+    derivatives of their tops by uu, vv and uv in [3:6, 6] after.
     """
     h, w = image.shape
     # `small` is less a value of the image, so that few digits are lost: by it the first block differs
@@ -340,4 +364,22 @@ def taken(
             count += 1.0
     if count == 0.0:
         return np.inf, np.inf
-    return u_sum / count, v_sum / count
+    u_mean, v_mean = u_sum / count, v_sum / count
+    # least squares of a second-order surface, 6 x 7 with the right side last; the seventh row is memory for the terms of a dot
+    terms_of = normal[6]
+    for k in range(len(dots_px)):
+        if agree[k]:
+            x, y, weight = dots_px[k, 0] - u_mean, dots_px[k, 1] - v_mean, min(heights[k], 1.0) ** 2
+            terms_of[0], terms_of[1], terms_of[2], terms_of[3], terms_of[4] = 1.0, x, y, x * x / 2.0, y * y / 2.0
+            terms_of[5], terms_of[6] = x * y, tops[k]
+            for i in range(6):
+                for j in range(i, 7):
+                    normal[i, j] += weight * terms_of[i] * terms_of[j]
+    for i in range(6):
+        # a ridge, as dots may be few or in a line
+        normal[i, i] = normal[i, i] * (1.0 + 1e-9) + 1e-9
+        for j in range(i):
+            normal[i, j] = normal[j, i]
+    for i in range(6):
+        eliminate(normal, i, len(normal) - 1)
+    return u_mean, v_mean

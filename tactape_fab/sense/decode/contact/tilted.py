@@ -7,7 +7,8 @@ from math import cos, exp, inf, log, pi, remainder, sin, sqrt, tau
 
 import numpy as np
 
-from tactape_fab.sense.decode.contact.surface import LEAST_SLOPE
+from tactape_fab.sense.decode.contact.bent import Bend
+from tactape_fab.sense.decode.contact.surface import LEAST_SLOPE, Lie
 from tactape_fab.sense.decode.grid.long_parts import BEND, HEIGHT_ERROR, SLOPE, drawn_px
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.rank import View
@@ -15,11 +16,17 @@ from tactape_fab.texture.frames import FloatArray
 
 WHOLLY = 0.03
 """Slope, 1.7 degrees, from which a contact counts as tilted in full."""
-DRAWN, DRAWN_ERROR = (0.46, 0.25), 0.04
+BENT, WHOLLY_BENT = 0.02, 0.06
+"""Curvatures, 1/mm, between which a contact that is bent comes to count as one whose pressure falls all across it, in full."""
+UNSTRETCHED_MM = 0.06
+"""How far below a film's top its layer is that is not stretched round a cylinder: half of a film."""
+DRAWN, DRAWN_SIGMA, DRAWN_ERROR = (0.46, 0.25), 0.25, 0.25
 """How far a top is drawn to where the pressure is, along a part and across it, by a relative slope of the pressure of 1/mm, over
 the square of its length and of its width, mm^2; and how much of that, as a share, is unsure. Of 0201 it is 0.16 and 0.02 mm^2,
 with 0.5 and 2 N, tilted by 2 and 5 degrees along either axis (constants here: seeds 5, 61 and 77 of the elastic simulator). All
-dots of a tilted contact are drawn to its middle, millimetres off the image's centre: the pose would be 10 um off at 2 degrees."""
+dots of a tilted contact are drawn to its middle, millimetres off the image's centre: the pose would be 10 um off at 2 degrees.
+Under light forces, and in gels that follow a part less, it is up to twice as much: `DRAWN_SIGMA` of it is a factor that the dots
+tell, `DRAWN_ERROR` what they do not."""
 MOST_DRAWN = 0.13
 """How far at most, over the length and the width: tops of 0201 come near to these 0.08 mm from a relative slope of 0.5/mm on."""
 USUAL_BODY_MM = (0.45, 0.45)
@@ -49,34 +56,34 @@ the imprint model beside the crown of a gel have a slope, but no pressure that f
 
 def tilted_pose(
     pose: Pose,
-    slope: FloatArray,
+    lie: Lie,
     offset_px: FloatArray,
     seen_px: FloatArray,
     texture_mm: FloatArray,
     weights: FloatArray,
     heights: FloatArray,
     border_mm: FloatArray,
-    film: bool,
     view: View,
 ) -> tuple[Pose, FloatArray, bool]:
     """The pose with the tilt's bias taken off and its uncertainty in the covariance; the places of dots that it is fitted to; and
     whether their tops are drawn, as under a tilt they are.
 
-    A tilted tape is seen foreshortened along its slope, by the cosine of its tilt. Its pressure falls all across the contact, and
-    draws the tops of all dots along: where `rim.settled` took low dots for those at a rim, and `long_parts` the heights of whole
-    ones, the heights of all say it better.
+    A tilted tape is seen foreshortened along its slope, by the cosine of its tilt, one round a cylinder towards its flanks. The
+    pressure falls all across the contact, and draws the tops of all dots along: where `rim.settled` took low dots for those at a
+    rim, and `long_parts` the heights of whole ones, the heights of all say it better.
 
     pose: Fitted to `offset_px`.
-    slope (2,): Rise of the tape towards the sensor along image u and v.
     offset_px, seen_px (n, 2): Dots from the image centre, square pixels: with those at the rim put back, and as detected.
     texture_mm, weights, view: As for `fit_pose`.
     heights (n,): Of the tops, in any unit.
     border_mm (n,): How far dots are from the image's border.
-    film: Whether the tops are bent as those of a film: they are tilted then, whatever else.
     """
+    slope, bend, film = lie
     square = float(slope @ slope)
     # a ramp from 1 to 1.7 degrees, so that a pose does not jump where the slope passes a limit
     share = min(max((sqrt(square) - LEAST_SLOPE) / (WHOLLY - LEAST_SLOPE), 0.0), 1.0)
+    if bend is not None:
+        share = max(share, min(max((abs(bend.curvature) - BENT) / (WHOLLY_BENT - BENT), 0.0), 1.0))
     # of the height 1 - w that a dot misses only a share counts (`RELIABLE`), as far as the contact is tilted
     weights = 1.0 - (1.0 - weights) * (1.0 - share + share * np.clip((RELIABLE - weights) / STEEPNESS, LOW, 1.0))
     weights = np.where(border_mm < BORDER_MM, np.minimum(weights, AT_BORDER), weights)
@@ -85,17 +92,21 @@ def tilted_pose(
     if along_parts is not None:  # has been taken off, by heights of whole dots alone
         seen_px = seen_px + along_parts
     # `settled`'s correction is taken back as far as the contact counts as tilted, the draw of the pressure taken off instead
-    moved = _upright(offset_px + share * (seen_px - offset_px) - drawn, slope)
-    settled = replace(view.beliefs, pulled=False)
-    found = fit_pose(moved, texture_mm, weights, view.px_per_mm, settled)
+    places = offset_px + share * (seen_px - offset_px) - drawn
+    moved = _flat(places, slope, bend, view)
+    unsure_px = DRAWN_SIGMA * drawn
+    found = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
     if not (found.finite and 0.0 < found.sigma_mm < inf):
         return pose, offset_px, False
-    # what may be left: a share of what was taken off, and a lean of the tops
-    left = (DRAWN_ERROR * drawn, LEAN_MM * view.px_per_mm * slope)
+    # what may be left: a share of what was taken off, a lean of the tops, and how the tape is bent
+    left = [moved + DRAWN_ERROR * drawn, moved + LEAN_MM * view.px_per_mm * slope]
+    if bend is not None:
+        left += [_flat(places, slope, other, view) for other in bend.unsure()]
+        left.append(_flat(places, slope, bend, view, UNSTRETCHED_MM))
     changes = np.zeros((len(left), 3))
     for by, change in zip(left, changes, strict=True):
         # the derivative of the pose by an unsure amount, by one step of a standard deviation: its square is what it adds
-        other = fit_pose(moved + by, texture_mm, weights, view.px_per_mm, settled)
+        other = fit_pose(by, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
         change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
     apart = np.array([*(pose.position_mm - found.position_mm), remainder(pose.theta_rad - found.theta_rad, tau)])
@@ -125,6 +136,14 @@ def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
     # a normal law with its own best sigma has the likelihood sigma^-2 for each dot, over the two axes; half of that counts
     odds = log(AS_DRAWN) + dots * (log(undrawn_mm) - log(drawn_mm))
     return 1.0 / (1.0 + exp(min(odds, 700.0)))
+
+
+def _flat(seen_px: FloatArray, slope: FloatArray, bend: Bend | None, view: View, more_mm: float = 0.0) -> FloatArray:
+    """Places as on the film laid flat, from the image centre."""
+    if bend is None:
+        return _upright(seen_px, slope)
+    part_mm = 0.0 if view.part is None else view.part.body_mm[2]
+    return bend.unrolled(seen_px / view.px_per_mm, part_mm + more_mm) * view.px_per_mm
 
 
 def _upright(seen_px: FloatArray, slope: FloatArray) -> FloatArray:

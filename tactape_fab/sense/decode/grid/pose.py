@@ -58,6 +58,7 @@ def fit_pose(
     least_sigma_mm: float = LEAST_SIGMA_MM,
     smoothed: bool = True,
     placed_mm: FloatArray | None = None,
+    unsure_px: FloatArray | None = None,
 ) -> Pose:
     """Fit a pose (docs/frames.md; paper, Eq. 12, for all dots instead of one).
 
@@ -74,6 +75,7 @@ def fit_pose(
     least_sigma_mm: Least error of a dot along an axis that the robust fit believes.
     smoothed: As for `posterior`.
     placed_mm (n,): Standard deviation of each part's measured place; None where it is not known, and part of a dot's error.
+    unsure_px (n, 2): As `unsure_mm` of `posterior`, in px.
     """
     n = len(weights)
     fit, keep, agree, buffer = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
@@ -87,8 +89,9 @@ def fit_pose(
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
     seen_mm, kept = px.take(used, 0) / px_per_mm, keep.take(used)
     placed_mm2 = None if placed_mm is None else placed_mm.take(used) ** 2
+    unsure_mm = None if unsure_px is None else unsure_px.take(used, 0) / px_per_mm
     at, covariance, sigma, seen_by = posterior(
-        seen_mm, mm.take(used, 0), kept, px_per_mm, fit, beliefs, smoothed=smoothed, placed_mm2=placed_mm2
+        seen_mm, mm.take(used, 0), kept, px_per_mm, fit, beliefs, smoothed=smoothed, placed_mm2=placed_mm2, unsure_mm=unsure_mm
     )
     theta, ln_scale = at[2:].tolist()
     return Pose(

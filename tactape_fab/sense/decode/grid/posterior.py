@@ -57,7 +57,6 @@ class Beliefs:
         deviation.
     lean: How much farther neighbours push along parts than across, times cos and sin of twice the parts' direction on the
         texture.
-    pulled: Whether dots at the rim may lie inwards still.
     """
 
     sigmas: FloatArray
@@ -66,7 +65,6 @@ class Beliefs:
     gel_mm: float = 0.0
     correlation_mm: float = 1.0
     lean: tuple[float, float] = (0.0, 0.0)
-    pulled: bool = True
 
 
 class _Terms(NamedTuple):
@@ -124,6 +122,7 @@ def posterior(
     *,
     smoothed: bool,
     placed_mm2: FloatArray | None,
+    unsure_mm: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Mean and covariance of a pose.
 
@@ -138,6 +137,8 @@ def posterior(
     smoothed: Whether places are tops of a smoothed image, which neighbours and the rim draw; otherwise a dot's own error has the
         variance sigma^2 / weight, and nothing is added but the gel's displacement.
     placed_mm2 (n,): Known variance of each part's place, to be added.
+    unsure_mm (n, 2): How far dots may be off together along the image's axes, by one unknown factor of mean 0 and variance 1; it
+        takes the place of the rim's pull. Only if `smoothed`.
     Returns at (4,): x mm, y mm, theta rad, ln of the scale over the profile's; NaN where all dots are in one place.
     Returns covariance (3, 3): Of (x mm, y mm, theta rad); infinite where all dots are in one place.
     Returns sigma_mm: Error of a whole dot along one axis.
@@ -158,8 +159,10 @@ def posterior(
     (a, b), c2, s2 = beliefs.lean, c * c - s * s, 2.0 * c * s
     lean_u, lean_v = a * c2 - b * s2, a * s2 + b * c2
     apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, lean_u, lean_v, target, to_fill)
-    if not beliefs.pulled:
-        drawn[1] = 0.0
+    if unsure_mm is not None:
+        # in the column of the pull, whose mean is taken off again: this factor has the mean 0
+        drawn[1] = unsure_mm.T / PULL_SIGMA
+        target += PULL * drawn[1]
     # dots in one place say nothing of the turn, and the normal matrix would be singular
     if not (squares < inf and apart > ONE_PLACE * squares):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)

@@ -1,0 +1,126 @@
+"""Tapes that are bent about one axis, as round a cylinder: the circle of their tops, and the film unrolled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import hypot, sqrt
+
+import numpy as np
+
+from tactape_fab.texture.frames import FloatArray
+
+ROUND = 0.3
+"""Smaller curvature over the larger, below which a surface counts as bent about one axis: a gel without its profile's crown shows
+1/113 mm along a cylinder's axis. Contacts of the imprint model, which are domes, have 0.5 and more."""
+MOST_SINE = 0.95
+"""Sine of the slope, 72 degrees, up to which places on a flank are believed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bend:
+    """How a tape that is bent about one axis lies under the image: its tops are on a circle across the axis.
+
+    across (2,): Unit vector across the axis, along image u and v.
+    sine: Sine of the slope along it in the image's centre, positive where the tape rises towards the sensor.
+    curvature: By how much the slope's angle grows along the arc, 1/mm: -1 / radius round a cylinder.
+    along: Slope along the axis.
+    middle_mm: Where the contact's middle is from the image's centre, across the axis.
+    angle_sigma, curvature_sigma, along_sigma: Standard deviations of the slope's angle in the middle, rad, of the curvature, and
+        of the slope along the axis.
+    """
+
+    across: FloatArray
+    sine: float
+    curvature: float
+    along: float
+    middle_mm: float
+    angle_sigma: float
+    curvature_sigma: float
+    along_sigma: float
+
+    @property
+    def on_flank(self) -> bool:
+        """Whether the image's centre may be beyond the flank, so that no place is under it."""
+        error = hypot(*(other.sine - self.sine for other in self.unsure()))
+        return not abs(self.sine) + error <= MOST_SINE
+
+    @property
+    def slope(self) -> FloatArray:
+        """Slopes in the image's centre along u and v."""
+        steep = self.sine / sqrt(max(1.0 - self.sine**2, 1.0 - MOST_SINE**2))
+        return steep * self.across + self.along * np.array([-self.across[1], self.across[0]])
+
+    def height_mm(self, middle_mm: FloatArray) -> float:
+        """Height in the image's centre over that in the contact's middle, (2,)."""
+        cosine, at_middle = (sqrt(max(1.0 - s * s, 0.0)) for s in (self.sine, self.sine + self.curvature * self.middle_mm))
+        # d height / d arc is the sine and d angle / d arc the curvature: heights differ as the cosines do
+        along = self.along * float(middle_mm @ (-self.across[1], self.across[0]))
+        return (at_middle - cosine) / self.curvature - along
+
+    def unrolled(self, seen_mm: FloatArray, part_mm: float) -> FloatArray:
+        """Places as on the flat film under them, from the image's centre, of tops seen along the sensor's axis; both (n, 2).
+
+        part_mm: Height of the tops over the film.
+        """
+        across, along = seen_mm @ self.across, seen_mm @ np.array([-self.across[1], self.across[0]])
+        sines = np.clip(np.append(self.sine, self.sine + self.curvature * across), -MOST_SINE, MOST_SINE)
+        angles = np.arcsin(sines)
+        # arcs of the tops, and by how much the film's are longer or shorter
+        arcs = (angles[1:] - angles[0]) / self.curvature * (1.0 + part_mm * self.curvature)
+        out: FloatArray = np.outer(arcs, self.across)
+        return out + np.outer(along * sqrt(1.0 + self.along**2), (-self.across[1], self.across[0]))
+
+    def unsure(self) -> tuple[Bend, Bend, Bend]:
+        """The same with its angle in the middle, its curvature, and its slope along the axis off by a standard deviation."""
+        at_middle = self.sine + self.curvature * self.middle_mm
+        curvature = self.curvature + self.curvature_sigma
+        turned = at_middle + self.angle_sigma * sqrt(max(1.0 - at_middle**2, 0.0))
+        return (
+            replace(self, sine=turned - self.curvature * self.middle_mm),
+            replace(self, sine=at_middle - curvature * self.middle_mm, curvature=curvature),
+            replace(self, along=self.along + self.along_sigma),
+        )
+
+
+def bend_of(
+    surface: FloatArray, variance: FloatArray, gain_error: float, middle_mm: FloatArray, least_curvature: float
+) -> Bend | None:
+    """The bend of a second-order surface; None of one that is flat, or bent about both axes.
+
+    surface (5,): Slopes in the image's centre, then second derivatives by uu, vv and uv.
+    variance (5, 5)
+    gain_error: Standard deviation of all of them together, as a share.
+    middle_mm (2,): Middle of the contact, where it is right.
+    least_curvature: Below it there is none, 1/mm.
+    """
+    uu, vv, uv = surface[2:].tolist()
+    # principal curvatures are (u + v) / 2 +- hypot((u - v) / 2, uv), Mohr's circle; the axis of the larger is turned by half the
+    # angle of ((u - v) / 2, uv)
+    mean, half = (uu + vv) / 2, hypot((uu - vv) / 2, uv)
+    least, most = abs(abs(mean) - half), mean + (half if mean >= 0.0 else -half)
+    if least >= max(least_curvature, ROUND * abs(most)) or abs(most) <= 1e-6:
+        return None
+    turn = 0.5 * np.arctan2(2 * uv, uu - vv) + (0.0 if mean >= 0.0 else np.pi / 2)
+    across = np.array([np.cos(turn), np.sin(turn)])
+    at = float(across @ middle_mm)
+    c, s = across.tolist()
+    # rows of the derivatives of the slope across the axis in the middle, of the curvature across, and of the slope along
+    x, y = middle_mm.tolist()
+    rows = np.array(
+        [[c, s, c * x, s * y, c * y + s * x], [0.0, 0.0, c * c, s * s, 2 * c * s], [-s, c, -s * x, c * y, c * x - s * y]]
+    )
+    slope, curvature, along = (rows @ surface).tolist()
+    slope_error, curvature_error, along_error = np.sqrt((rows @ variance @ rows.T).diagonal()).tolist()
+    # the circle that has this slope and second derivative there: its curvature is f'' / (1 + f'^2)^(3/2)
+    lengths = sqrt(1.0 + slope * slope)
+    curvature, curvature_error = curvature / lengths**3, hypot(curvature_error, gain_error * curvature) / lengths**3
+    return Bend(
+        across=across,
+        sine=slope / lengths - curvature * at,
+        curvature=curvature,
+        along=along,
+        middle_mm=at,
+        angle_sigma=hypot(slope_error, gain_error * slope) / lengths**2,
+        curvature_sigma=curvature_error,
+        along_sigma=hypot(along_error, gain_error * along),
+    )
