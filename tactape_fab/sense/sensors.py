@@ -29,7 +29,11 @@ _UNCALIBRATED, _UNKNOWN_GEL = Geometry(), Gel()
 _SMOOTH = {"white_um": (0.0, 1000.0, "um"), "correlated_um": (0.0, 1000.0, "um"), "correlated_px": (1.0, 100.0, "px")}
 """Least, largest and unit of the numbers of a profile, here and below."""
 _CAMERA = dict.fromkeys(("aspect", "shear", "k1"), (-0.2, 0.2, ""))
-_SIGMAS = {"sigma_px_per_mm": (0.0, 1000.0, "px/mm")} | dict.fromkeys(("sigma_aspect", "sigma_shear", "sigma_k1"), (0.0, 0.2, ""))
+MOST_SIGMA = 0.2
+"""Largest standard deviation of a camera's aspect, shear or distortion."""
+_SIGMAS = {"sigma_px_per_mm": (0.0, 1000.0, "px/mm")} | dict.fromkeys(
+    ("sigma_aspect", "sigma_shear", "sigma_k1"), (0.0, MOST_SIGMA, "")
+)
 _GEL = {
     "thickness_mm": (0.1, 100.0, "mm"),
     "modulus_kpa": (1.0, 1e5, "kPa"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -16,7 +17,7 @@ from tactape_fab.sense.decode.settings import setting_problems
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
 from tactape_fab.sense.files.recordings import Recording, is_recording, open_recording, upright
 from tactape_fab.sense.raw.colour_images import RawImage, colour_paths, open_reconstruction
-from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.sense.sensors import MOST_SIGMA, SensorProfile, load_sensor
 from tactape_fab.texture.code import CODE_NAMES, get_plane, has_plane
 from tactape_fab.texture.registry import read_tapes
 from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT, Tape
@@ -207,6 +208,26 @@ def of_file_scale(reason: str) -> str:
     return reason
 
 
+def at_scale(sensor: SensorProfile, px_per_mm: tuple[float, float]) -> SensorProfile:
+    """A sensor with the scale of a file: it is as unsure as the profile's own, and by how far it is off that.
+
+    A calibration's standard deviation is of its scale, and says nothing of another.
+    """
+    if px_per_mm == sensor.px_per_mm:
+        return sensor
+    geometry, (own_u, own_v), (u, v) = sensor.geometry, sensor.px_per_mm, px_per_mm
+    known = geometry.sigma_px_per_mm
+    return replace(
+        sensor,
+        px_per_mm=px_per_mm,
+        geometry=replace(
+            geometry,
+            sigma_px_per_mm=None if known is None else hypot(known, max(abs(u - own_u), abs(v - own_v))),
+            sigma_aspect=min(hypot(geometry.sigma_aspect, u * own_v / (v * own_u) - 1.0), MOST_SIGMA),
+        ),
+    )
+
+
 def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_locator) -> Iterator[Located]:
     """Answers for all frames of a job's files, in order.
 
@@ -218,7 +239,7 @@ def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_lo
     frame = 0
     for file in job.files:
         scale = file.px_per_mm or job.sensor.px_per_mm
-        own = job.sensor if scale == job.sensor.px_per_mm else replace(job.sensor, px_per_mm=scale)
+        own = at_scale(job.sensor, scale)
         ours = isinstance(file, Recording) and file.ours
         own = upright(own) if ours else own
         if (scale, ours) not in locators:
