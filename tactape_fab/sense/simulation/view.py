@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, radians, sin
+from math import cos, radians, sin, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -81,13 +81,20 @@ class View:
         return near
 
 
-def bent(scene: Scene, flat_mm: FloatArray, height_mm: float) -> FloatArray:
-    """Points of a tape wrapped about a strip's cylinder, or above them, seen from above; the image centre does not move."""
+def bent(scene: Scene, flat_mm: FloatArray, height_mm: float, across_slope: float = 0.0) -> FloatArray:
+    """Points of a tape wrapped about a strip's cylinder, or above them, seen from above; the image centre does not move.
+
+    across_slope: That of a tilt across the cylinder's axis: it moves the top line, and so where the film is seen foreshortened.
+    """
     radius = scene.cylinder_radius_mm
     seen_radius = radius + height_mm
     turn = radians(scene.contact_turn_deg)
     across = contact_local(scene, flat_mm)[..., 1]
     centre = float(contact_local(scene, np.zeros(2))[1])
+    if across_slope != 0.0 and abs(centre) < seen_radius:
+        slope = across_slope - centre / sqrt(seen_radius**2 - centre**2)
+        from_centre, centre = across - centre, -seen_radius * slope / sqrt(1.0 + slope * slope)
+        across = from_centre + centre
     # arc length along the film from the cylinder's top line; the image centre is seen at `centre` from it, and stays there
     arc = np.arcsin(np.clip(centre / seen_radius, -1.0, 1.0)) * radius + across - centre
     # beyond a quarter of the circle the film turns away: it stays at the cylinder's edge, where there is no contact
@@ -100,14 +107,17 @@ def projected(scene: Scene, flat_mm: FloatArray, height_mm: float) -> FloatArray
     """Tops of parts on a tape that is wrapped about a cylinder, tilted, or both, seen along the sensor's axis.
 
     The image centre does not move. A tilted tape is turned about a line across its slope: lengths along the slope shrink by
-    the cosine of its angle.
+    the cosine of its angle. Round a cylinder that is so along its axis; across it a tilt moves the top line.
     """
     elastic = scene.elastic
     assert elastic is not None
-    if elastic.cylinder_radius_mm is not None:
-        flat_mm = bent(scene, flat_mm, height_mm)
     # the plane's gradient; its length is the tangent of the steepest angle, whose cosine is 1 / sqrt(1 + tan^2)
     slope = np.tan(np.radians(elastic.tilt_deg))
+    if elastic.cylinder_radius_mm is not None:
+        turn = radians(scene.contact_turn_deg)
+        across = np.array([sin(turn), cos(turn)])
+        flat_mm = bent(scene, flat_mm, height_mm, float(slope @ across))
+        slope = slope - (slope @ across) * across
     square = float(slope @ slope)
     if square == 0.0:
         return flat_mm

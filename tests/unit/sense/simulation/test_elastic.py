@@ -212,6 +212,20 @@ def test_on_a_cylinder_tops_are_seen_above_the_film(tape: Tape) -> None:
     assert truth(tape, 3.0, 2.0, cylinder_radius_mm=12.0) == pytest.approx((3.0, 12.23 * sin(2.0 / 12.0)))
 
 
+def test_a_tilt_across_a_cylinder_moves_its_top_line(tape: Tape) -> None:
+    """Film of 2 mm either way ends where the arc of the surface that the gel is pressed on is as long, by small steps."""
+    slope, radius_mm = tan(radians(3.0)), 12.23
+    at = np.linspace(-3.0, 3.0, 600_001)
+    steps = np.sqrt(1.0 + (slope - at / np.sqrt(radius_mm**2 - at**2)) ** 2) * 12.0 / radius_mm
+    arc = np.concatenate([[0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]) * np.diff(at))])
+    for y_mm in (2.0, -2.0):
+        expected = np.interp(arc[300_000] + y_mm, arc, at)
+        seen = truth(tape, 3.0, y_mm, cylinder_radius_mm=12.0, tilt_deg=(0.0, 3.0))
+        assert seen == pytest.approx((3.0, expected), abs=1e-3)  # 9 um beside it, were the top line where it is without tilt
+    along = truth(tape, 3.0, 2.0, cylinder_radius_mm=12.0, tilt_deg=(8.0, 0.0))
+    assert along == pytest.approx((3.0 * cos(radians(8.0)), 12.23 * sin(2.0 / 12.0)))
+
+
 def test_what_rises_is_pressed_further_in(tape: Tape) -> None:
     sensor = load_sensor("gelsight-mini")
     flat, right, down = (pressed(tape, sensor, tilt_deg=tilt) for tilt in ((0.0, 0.0), (2.0, 0.0), (0.0, 2.0)))
