@@ -18,8 +18,9 @@ WHOLLY = 0.03
 """Slope, 1.7 degrees, from which a contact counts as tilted in full."""
 BENT, WHOLLY_BENT = 0.02, 0.06
 """Curvatures, 1/mm, between which a contact that is bent comes to count as one whose pressure falls all across it, in full."""
-UNSTRETCHED_MM = 0.06
-"""How far below a film's top its layer is that is not stretched round a cylinder: half of a film."""
+USUAL_PART_MM, UNSTRETCHED_MM = 0.23, 0.06
+"""Height of a part that is not known, about which it may be wrong by as much; and how far below a film's top its layer is that is
+not stretched round a cylinder, half of a film."""
 DRAWN, DRAWN_SIGMA, DRAWN_ERROR = (0.46, 0.25), 0.25, 0.25
 """How far a top is drawn to where the pressure is, along a part and across it, by a relative slope of the pressure of 1/mm, over
 the square of its length and of its width, mm^2; and how much of that, as a share, is unsure. Of 0201 it is 0.16 and 0.02 mm^2,
@@ -102,7 +103,7 @@ def tilted_pose(
     left = [moved + DRAWN_ERROR * drawn, moved + LEAN_MM * view.px_per_mm * slope]
     if bend is not None:
         left += [_flat(places, slope, other, view) for other in bend.unsure()]
-        left.append(_flat(places, slope, bend, view, UNSTRETCHED_MM))
+        left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM))
     changes = np.zeros((len(left), 3))
     for by, change in zip(left, changes, strict=True):
         # the derivative of the pose by an unsure amount, by one step of a standard deviation: its square is what it adds
@@ -142,7 +143,7 @@ def _flat(seen_px: FloatArray, slope: FloatArray, bend: Bend | None, view: View,
     """Places as on the film laid flat, from the image centre."""
     if bend is None:
         return _upright(seen_px, slope)
-    part_mm = 0.0 if view.part is None else view.part.body_mm[2]
+    part_mm = USUAL_PART_MM if view.part is None else view.part.body_mm[2]
     return bend.unrolled(seen_px / view.px_per_mm, part_mm + more_mm) * view.px_per_mm
 
 
