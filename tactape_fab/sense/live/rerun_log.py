@@ -7,7 +7,6 @@ import socket
 import sysconfig
 from collections import deque
 from collections.abc import Sequence
-from contextlib import suppress
 from math import log10
 from pathlib import Path
 from time import monotonic, sleep
@@ -64,7 +63,7 @@ class RerunLog:
     def __init__(self, tapes: Sequence[Tape], sensor: SensorProfile, *, save: Path | None, show: bool) -> None:
         import rerun as rr
 
-        self._rr = rr
+        self._rr, self._save, self._show = rr, save, show
         self._recording = rr.RecordingStream("tactape-fab", make_default=False, make_thread_default=False)
         if hasattr(self._recording, "set_log_time_enabled"):  # when a frame was taken counts; lerobot's Rerun writes both
             self._recording.set_log_time_enabled(False)
@@ -97,10 +96,18 @@ class RerunLog:
         self.close()
 
     def close(self) -> None:
-        """Write what is left, and close the file; a viewer that was closed before is no error."""
-        with suppress(RuntimeError):
+        """Write what is left, and close the file; a viewer that was closed before is no error.
+
+        Raises TactapeError when the file could not be written: Rerun's own thread wrote it, and says so only here.
+        """
+        try:
             self._recording.flush(timeout_sec=_PATIENCE_S)
-        self._recording.disconnect()
+        except RuntimeError as error:
+            if self._save is not None and not (self._show and "File" not in str(error)):
+                message = f"save {shown_path(self._save)} cannot be written: {reason_of(error)}; use another place"
+                raise TactapeError(message) from error
+        finally:
+            self._recording.disconnect()
 
     def write(self, located: Located) -> bool:
         """Show a frame and its answer."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shlex
 import signal
 import socket
@@ -157,6 +158,19 @@ def test_the_trace_does_not_grow_for_ever(
             log.write(located)
     traces = [row["LineStrips2D:strips"][0] for row in rows(tmp_path / "a.rrd")["/tapes/tactape-s007/trace"]]
     assert [len(trace) for trace in traces] == [1, 2, 3, 3, 3, 3, 3]
+
+
+def test_a_file_that_does_not_fit_is_an_error(recording: Path, default_kit: Kit, tmp_path: Path) -> None:
+    """Rerun writes on a thread of its own, logs that the disk is full, and goes on."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 19, before[1]))
+    try:
+        command = f"watch {recording}/slide.npz --rate max --tape {default_kit.path} --save {tmp_path}/a.rrd"
+        result = CliRunner().invoke(main, shlex.split(command))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert result.exit_code == 1
+    assert f"save {tmp_path}/a.rrd cannot be written" in result.stderr and "; use another place" in result.stderr
 
 
 def test_a_name_of_any_kind_is_one_entity(recording: Path, default_kit: Kit, tmp_path: Path) -> None:
