@@ -52,9 +52,9 @@ def dataset(folder: Path, feature: dict[str, Any], column: Any, count: int = 4) 
     return folder
 
 
-def pictures(images: list[npt.NDArray[Any]]) -> Any:
-    """A column of PNG images."""
-    found = [{"bytes": cv2.imencode(".png", image)[1].tobytes(), "path": f"frame-{k}.png"} for k, image in enumerate(images)]
+def pictures(images: list[npt.NDArray[Any]], ending: str = ".png") -> Any:
+    """A column of PNG or TIFF images."""
+    found = [{"bytes": cv2.imencode(ending, image)[1].tobytes(), "path": f"frame-{k}{ending}"} for k, image in enumerate(images)]
     return pa.array(found, type=pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
 
 

@@ -53,6 +53,9 @@ def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
     if table.problems:
         raise SpecError(f"its {DATASET} names no features")
     usable = {name: value for name, value in features.items() if _shows(value, colour)}
+    if not usable:
+        lack = "images or films" if colour else "images or arrays of depth (films lose depth); record it with use_videos=False"
+        raise SpecError(f"it has no feature of {lack}")
     if topic is None and len(usable) == 1:
         topic = next(iter(usable))
     if topic not in usable:
@@ -71,7 +74,8 @@ def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
 def _shows(feature: dict[str, Any], colour: bool) -> bool:
     """Whether a feature is of images of this kind."""
     kind, shape = feature.get("dtype"), feature.get("shape")
-    plane = isinstance(shape, list) and len(shape) == 2 and all(isinstance(n, int) and 2 <= n <= MOST_PX for n in shape)
+    sides = shape[:2] if isinstance(shape, list) and shape[2:] in ([], [1]) else []
+    plane = len(sides) == 2 and all(isinstance(n, int) and 2 <= n <= MOST_PX for n in sides)
     return kind == "image" or (kind == "video" and colour) or (kind in _FLOATS and plane and not colour)
 
 
@@ -105,7 +109,7 @@ def _rows(folder: Path, topic: str, feature: dict[str, Any], colour: bool) -> It
         stamps = [float(value.as_py()) for value in batch.column("timestamp")]
         images = batch.column(topic)
         if arrays:
-            found = iter(_arrays(images, len(stamps), feature["shape"]))
+            found = iter(_arrays(images, len(stamps), feature["shape"][:2]))
         else:
             found = (_picture(value.as_py(), folder, colour) for value in images)
         for stamp, image in zip(stamps, found, strict=True):

@@ -76,9 +76,13 @@ def unpacked_colour(data: bytes) -> npt.NDArray[np.uint8]:
 
 
 def unpacked_grey(data: bytes) -> npt.NDArray[Any]:
-    """A depth map of the bytes of a PNG: one channel of 8 or 16 bits, or three equal ones; raises as `read_picture_header`."""
-    height, width, bits, channels = _png_header(data)
-    if (channels, bits) not in ((1, 8), (1, 16), (3, 8)):
+    """A depth map of the bytes of a file; raises as `read_picture_header`.
+
+    A PNG of one channel of 8 or 16 bits or of three equal ones, or a TIFF, as LeRobot from 0.6 on writes depth.
+    """
+    tiff = data[:4] in TIFF_SIGNATURES
+    height, width, bits, channels = _tiff_header(data) if tiff else _png_header(data)
+    if (channels, bits) not in (((1, 16), (1, 32)) if tiff else ((1, 8), (1, 16), (3, 8))):
         raise SpecError(f"it has {channels} channel{'s' * (channels != 1)} of {bits} bits; {_REMEDY}")
     shape = _not_too_large(height, width)
     picture = unpacked(data, "IMREAD_UNCHANGED", _PURPOSE)

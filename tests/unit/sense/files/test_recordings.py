@@ -212,8 +212,9 @@ def test_images_of_a_dataset_are_frames(tmp_path: Path) -> None:
     of_image = {"dtype": "image", "shape": [*SHAPE, 1]}
     grey: list[npt.NDArray[Any]] = [np.repeat((d // 4).astype(np.uint8)[..., None], 3, axis=2) for d in deep]
     images: list[npt.NDArray[Any]]
-    for name, images in (("16", [*deep]), ("8", grey)):
-        file = open_recording(dataset(tmp_path / name, of_image, pictures(images)), SENSOR)
+    exact = [ramp(k) for k in range(COUNT)]
+    for k, (images, ending) in enumerate((([*deep], ".png"), (grey, ".png"), ([*deep], ".tif"), ([*exact], ".tiff"))):
+        file = open_recording(dataset(tmp_path / str(k), of_image, pictures(images, ending)), SENSOR)
         assert (file.topic, file.count) == ("touch", COUNT)
         assert [file.time_of(k) for k in range(COUNT)] == pytest.approx([0.0, 0.04, 0.08, 0.12])
         for image, frame in zip(images, file.frames(), strict=True):
@@ -228,6 +229,9 @@ def test_arrays_of_a_dataset_are_decoded(default_kit: Kit, tmp_path: Path) -> No
     expected = answers(run(f"decode {tmp_path}/f.npz --tape {default_kit.path} --json"))
     assert answers(run(f"decode {folder} --tape {default_kit.path} --json")) == expected
     assert answers(run(f"decode --tape {default_kit.path} {folder} --topic touch --json")) == expected  # no kit, though a folder
+    nested = pa.array(depth[..., None].tolist(), type=pa.list_(pa.list_(pa.list_(pa.float32()))))
+    with_channel = dataset(tmp_path / "one-channel", {"dtype": "float32", "shape": [*SHAPE, 1]}, nested)
+    assert answers(run(f"decode {with_channel} --tape {default_kit.path} --json")) == expected
     assert sum(one["located"] for one in expected) == COUNT
 
 
@@ -355,6 +359,10 @@ def _beside(folder: Path) -> Path:
     return dataset(folder / "set", {"dtype": "image", "shape": [*SHAPE, 3]}, column)
 
 
+def _film_of_depth(folder: Path) -> Path:
+    return dataset(folder / "set", {"dtype": "video", "shape": [*SHAPE, 1], "info": {"is_depth_map": True}}, None)
+
+
 def _no_features(folder: Path) -> Path:
     (folder / "meta").mkdir()
     (folder / "meta" / "info.json").write_text('{"features": []}', encoding="utf-8")
@@ -429,6 +437,7 @@ def _long_names(folder: Path) -> Path:
         (_statistics, "cannot be read|is damaged"),
         (_colour, "a colour image, which decode reads after --raw"),
         (_beside, "not in the table, but beside it"),
+        (_film_of_depth, r"no feature of images or arrays of depth \(films lose depth\); record it with use_videos=False$"),
         (_no_features, "names no features"),
     ],
 )
