@@ -29,6 +29,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
+from tactape_fab.verify.pictured import Pictured, placements_problem, png_problem, shows_bodies
 
 ALWAYS = (
     *("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom"),
@@ -295,10 +296,10 @@ def _is_drawing(data: bytes) -> bool:
     return whole and inside and {*_TAG.findall(different)} <= _TAGS and {*_ATTRIBUTE.findall(different)} <= _ATTRIBUTES
 
 
-def check_picture(files: Mapping[str, WrittenFile], name: str | None = None, parts_xy_mm: FloatArray | None = None) -> Check:
+def check_picture(files: Mapping[str, WrittenFile], name: str | None = None, film: Pictured | None = None) -> Check:
     """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2).
 
-    name: The SVG's title. parts_xy_mm: Places of a film's parts, which the SVG must have, and no others.
+    name: The SVG's title. film: A film's parts, which all pictures must have, and the SVG no others.
     """
     data = files["preview-png"].data
     height, width = png_size(data)
@@ -310,8 +311,13 @@ def check_picture(files: Mapping[str, WrittenFile], name: str | None = None, par
     if image is None or not svg_whole:
         return Check(name="previews", passed=False, message=f"the {'PNG' if image is None else 'SVG'} cannot be opened")
     names = () if name is None else (name, *(f"{name}{ending}" for ending in _NAMED_AS_CPL))
-    problem = _other_tape(files["preview-svg"].data, names, parts_xy_mm)
-    compared = "what they show" if parts_xy_mm is None else "what the PNG shows, and all but parts of the SVG"
+    problem = _other_tape(files["preview-svg"].data, names, None if film is None else film.xy_mm)
+    compared = "what they show"
+    if film is not None:
+        compared = "all but parts of them" if shows_bodies(image, film) else "what the PNG shows, and all but parts of the SVG"
+        problem = problem or png_problem(image, film)
+        if problem is None and "placement-preview" in files:
+            problem = placements_problem(files["placement-preview"].data, film)
     right = f"PNG {image.shape[1]} x {image.shape[0]} px and SVG; not compared: {compared}"
     return Check(name="previews", passed=problem is None, message=problem or right)
 

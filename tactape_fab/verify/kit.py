@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields, named
 from tactape_fab.kit.read.readback import read_cpl
@@ -55,6 +57,7 @@ from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.cad_readers import read_by_others
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.models.meshes import check_models, check_threemf
+from tactape_fab.verify.pictured import Pictured
 from tactape_fab.verify.spec_record import contradictions
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
 from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, check_measured, full_trips, quick_trip, trip_checks
@@ -159,7 +162,10 @@ def _check_kit(
         yield check_order_notes(files, tape, order=film.order, assembly=film.assembly, backings=film.film.backings)
         yield from pardoned(_check_film(tape, film, files, cpl, sources, quick=asked.quick), film.film)
     yield check_certificate(files[CERTIFICATE], tape)
-    yield check_picture(files, tape.name, None if film is None else tape.part_xy_mm())
+    xy_mm, part = tape.part_xy_mm(), tape.part
+    angles = np.full(len(xy_mm), part.rotation_deg)
+    shown = Pictured(size_mm=tape.board.size_mm, xy_mm=xy_mm, rotation_deg=angles, body_mm=part.body_mm[:2])
+    yield check_picture(files, tape.name, None if film is None else shown)
     if form is not None:
         mesh, problems = _read_mesh(files), form_problems(tape, form)
         if problems:

@@ -57,6 +57,7 @@ from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, part_da
 from tactape_fab.verify.layers.order_notes import Ordered, check_order_notes
 from tactape_fab.verify.layers.panel_frame import check_cut, check_rails
 from tactape_fab.verify.layers.written_form import check_form
+from tactape_fab.verify.pictured import Pictured
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
 
@@ -254,7 +255,13 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     slots, legend = [*slots_mm(panel)], layers.gerbers.get("legend-top")
     checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings)
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
-    return [*checks, check_picture(files, record.name, shown.parts_xy_mm)]
+    pictured = Pictured(
+        size_mm=panel.size_mm,
+        xy_mm=shown.parts_xy_mm,
+        rotation_deg=shown.rotation_deg,
+        body_mm=tapes[0].tape.part.body_mm[:2],
+    )
+    return [*checks, check_picture(files, record.name, pictured)]
 
 
 def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:

@@ -57,6 +57,7 @@ from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
 from tactape_fab.verify.layers.order_notes import check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.meshes import check_models
+from tactape_fab.verify.pictured import Pictured
 from tests.fuzz.recordings import recording_entries
 from tests.fuzz.seeds import Seeds
 
@@ -221,6 +222,11 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
     def drawings(files: Files) -> object:
         return check_drawings(files, tape.name, shown, tape.board.corner_radius_mm, [], legend, **made)
 
+    def pictures(files: Files) -> object:
+        xy_mm, turned_deg, body_mm = shown.parts_xy_mm, shown.rotation_deg, tape.part.body_mm[:2]
+        film = Pictured(size_mm=shown.size_mm, xy_mm=xy_mm, rotation_deg=turned_deg, body_mm=body_mm)
+        return check_picture(files, tape.name, film)
+
     checks: dict[str, Callable[[Files], object]] = {
         **dict.fromkeys(LAYERS, layers),
         "cpl": places,
@@ -234,8 +240,7 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
             files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, board
         ),
         "certificate": lambda files: check_certificate(files["certificate"], tape),
-        "preview-png": check_picture,
-        "preview-svg": check_picture,
+        **dict.fromkeys(("preview-png", "preview-svg", "placement-preview"), pictures),
         "report": lambda files: check_listed(seeds.manifest, {"report": [files["report"]]}, []),
         **dict.fromkeys(("stl", "3mf", "step-solid", "step-assembly"), models),
     }

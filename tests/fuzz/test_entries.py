@@ -39,7 +39,8 @@ NAMES = (
     *("kit: copper-top", "kit: coverlay-top", "kit: paste-top", "kit: legend-top", "kit: profile", "kit: drill-npth"),
     *("kit: components-top", "kit: cpl", "kit: bom", "kit: order-notes", "kit: job", "kit: fab-zip", "kit: kicad-pcb"),
     *("kit: fab-dxf", "kit: fab-drawing"),
-    *("kit: kicad-project", "kit: certificate", "kit: preview-png", "kit: preview-svg", "kit: report"),
+    *("kit: kicad-project", "kit: certificate", "kit: preview-png", "kit: preview-svg", "kit: placement-preview"),
+    "kit: report",
     *("kit: stl", "kit: 3mf", "kit: step-solid", "kit: step-assembly"),
 )
 

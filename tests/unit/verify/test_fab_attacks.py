@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from tactape_fab import Kit, PanelKit
@@ -469,6 +471,54 @@ OF_NO_OTHER_READER: dict[str, tuple[Edit, str]] = {
 }
 """What our readers pass over and others may not."""
 ATTACKS |= OF_NO_OTHER_READER
+
+
+def placements(pattern: str, new: str | Callable[[re.Match[str]], str], count: int = 0) -> Edit:
+    return bytes_of("placement-preview", lambda data: re.sub(pattern, new, data.decode("utf-8"), count=count).encode("utf-8"))
+
+
+def picture(change: Callable[[Any], Any]) -> Edit:
+    """The preview's pixels changed."""
+
+    def changed(data: bytes) -> bytes:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        return bytes(cv2.imencode(".png", np.ascontiguousarray(change(image.copy())))[1])
+
+    return bytes_of("preview-png", changed)
+
+
+def one_part_away(image: Any) -> Any:
+    """R1, at (6.9, 18) mm of a board of 20 mm, painted over with film: 20 px a mm, 2 mm of margin."""
+    image[68:92, 166:190] = image[480 - 45, 45]
+    return image
+
+
+OF_PICTURES: dict[str, tuple[Edit, str]] = {
+    "placements: other names": (placements(">R2<", ">R3<"), "previews"),
+    "placements: names exchanged": (
+        placements(">R([12])<", lambda found: f">R{3 - int(found[1])}<"),
+        "previews",
+    ),
+    "placements: a part that is not there": (placements(">R28<", ">R95<"), "previews"),
+    "placements: a part before the first": (placements(">R28<", ">R0<"), "previews"),
+    "placements: another angle": (placements("45°", "135°"), "previews"),
+    "placements: no angle": (placements("45°", "45"), "previews"),
+    "placements: land 1 at the other end": (
+        placements(r'cx="([\d.]+)" cy="-([\d.]+)"', lambda m: f'cx="{float(m[1]) + 58.26:.2f}" cy="-{float(m[2]) + 58.26:.2f}"'),
+        "previews",
+    ),
+    "placements: a body moved": (placements("721.82,-1810.61", "722.82,-1810.61"), "previews"),
+    "placements: a part less": (placements(r"<circle[^>]*>\n<text[^>]*>R9</text>\n", ""), "previews"),
+    "placements: nothing": (placements(r"(?s)(?<=</title>\n).*(?=</svg>)", ""), "previews"),
+    "placements: no numbers": (placements("721.82,-1810.61", "7-1.82,-18..61"), "previews"),
+    "picture: white": (picture(lambda image: image * 0 + 255), "previews"),
+    "picture: mirrored": (picture(lambda image: image[:, ::-1]), "previews"),
+    "picture: one part away": (picture(one_part_away), "previews"),
+    "picture: half of it": (picture(lambda image: image[:, :240]), "previews"),
+}
+"""What is held beside the fab's own viewer."""
+ATTACKS |= OF_PICTURES
 
 
 @pytest.mark.parametrize(("edit", "line"), ATTACKS.values(), ids=ATTACKS.keys())

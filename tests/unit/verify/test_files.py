@@ -39,6 +39,7 @@ from tactape_fab.verify.files import (
     read_inside,
     roles_of,
 )
+from tactape_fab.verify.pictured import Pictured
 from tests.measured import measured
 from tests.tapes import tape_at
 
@@ -281,12 +282,19 @@ def test_a_preview_of_another_tape_is_told_by_title_and_parts() -> None:
     uses = b"".join(b'<use href="#bodies-0" x="%.4f" y="%.4f"/>' % (x, -y) for x, y in ((1.5, 2.0), (3.0, 2.25)))
     svg = SVG.replace(b"<g", b"<title>a&amp;b</title>" + uses + b"<g")
     files = {"preview-svg": WrittenFile(path="a", data=svg), "preview-png": WrittenFile(path="b", data=png(30, 20))}
-    parts = np.array([(1.5, 2.0), (3.0, 2.25)])
-    assert check_picture(files, "a&b", parts).passed and check_picture(files, "a&b").passed
-    assert check_picture(files, "a&b", parts[::-1]).passed
-    assert check_picture(files, "b", parts).message == "the SVG is of 'a&amp;b'"
-    assert check_picture(files, "a&b", parts[:1]).message == "the SVG shows 2 parts, not 1"
-    assert check_picture(files, "a&b", parts - 0.25).message == "the SVG shows 2 parts in other places"
+    xy_mm = np.array([(1.5, 2.0), (3.0, 2.25)])
+
+    def parts(*index: int, up_mm: float = 0.0) -> Pictured:
+        shown = xy_mm[list(index)] + up_mm
+        return Pictured(size_mm=(11.0, 6.0), xy_mm=shown, rotation_deg=np.zeros(len(shown)), body_mm=(0.6, 0.3))
+
+    assert check_picture(files, "a&b", parts(0, 1)).passed and check_picture(files, "a&b").passed
+    assert check_picture(files, "a&b", parts(1, 0)).passed
+    assert check_picture(files, "b", parts(0, 1)).message == "the SVG is of 'a&amp;b'"
+    assert check_picture(files, "a&b", parts(0)).message == "the SVG shows 2 parts, not 1"
+    assert check_picture(files, "a&b", parts(0, 1, up_mm=-0.25)).message == "the SVG shows 2 parts in other places"
+    files["preview-png"] = WrittenFile(path="b", data=png(30, 26))
+    assert check_picture(files, "a&b", parts(0, 1)).message == "the PNG is not in the proportions of 11 x 6 mm"
 
 
 def test_the_preview_of_another_sector_is_no_preview_of_this_tape(tmp_path: Path) -> None:
