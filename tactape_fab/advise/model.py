@@ -239,8 +239,7 @@ def _nodes() -> FloatArray:
     """Grid points sorted by their distance from the centre; shape (k, 2)."""
     span = np.arange(_LATTICE) - _LATTICE // 2
     nodes = np.stack(np.meshgrid(span, span), axis=-1).reshape(-1, 2).astype(np.float64)
-    ordered: FloatArray = nodes[np.argsort(np.hypot(*nodes.T), kind="stable")]
-    return ordered
+    return nodes[np.argsort(np.hypot(*nodes.T), kind="stable")]
 
 
 def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss, plane: Plane | None = None) -> float:

@@ -156,5 +156,4 @@ def _turned(outline: FloatArray, cpl: CplContent) -> Iterator[Stamp]:
 
 def _circle(centre_mm: tuple[float, float], radius_mm: float) -> FloatArray:
     angle = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
-    circle: FloatArray = np.asarray(centre_mm) + radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return circle
+    return np.asarray(centre_mm) + radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)

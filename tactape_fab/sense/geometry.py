@@ -110,8 +110,7 @@ class Camera:
                 root = root - (root * (1.0 + self.k1 * root**2) - radius) / (1.0 + 3.0 * self.k1 * root**2)
             # distortion is along the radius: the direction stays
             seen = seen / (1.0 + self.k1 * root**2)
-        at_mm: FloatArray = seen @ self.inverse.T
-        return at_mm
+        return seen @ self.inverse.T
 
 
 def camera(px_per_mm: tuple[float, float], size_px: tuple[int, int], geometry: Geometry) -> Camera:

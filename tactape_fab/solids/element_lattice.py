@@ -94,8 +94,7 @@ def _kept_clear_mm(tape: Tape, wrap: Wrap) -> FloatArray:
     arcs = wrap.radius_mm * np.arcsin(offsets / wrap.radius_mm)
     # components along x; those along y are the same set, so that it does not matter which board axis goes round
     moved_mm = tape.displacement_mm * np.unique(DIRECTIONS_XY[: tape.directions, 0])
-    clear: FloatArray = np.unique((arcs[:, None] + moved_mm).ravel())
-    return clear
+    return np.unique((arcs[:, None] + moved_mm).ravel())
 
 
 def _sliced(lines: FloatArray, centres: FloatArray, slices: int, clear_mm: FloatArray) -> FloatArray:
@@ -116,13 +115,11 @@ def _sliced(lines: FloatArray, centres: FloatArray, slices: int, clear_mm: Float
         # always to the same side, until no line is near a corner; 40 moves are 0.4 mm
         offset = np.where(near, offset - nearest + 1.01 * _CLEAR_OF_CORNER_MM, offset)
     fine = np.concatenate([lines[:-1, None], centres[:, None] + offset], axis=1).ravel()
-    sliced: FloatArray = np.append(fine, lines[-1])
-    return sliced
+    return np.append(fine, lines[-1])
 
 
 def _between(a: float, b: float, step_mm: float) -> FloatArray:
-    lines: FloatArray = np.linspace(a, b, max(ceil((b - a) / step_mm), 1) + 1)
-    return lines
+    return np.linspace(a, b, max(ceil((b - a) / step_mm), 1) + 1)
 
 
 def _axis_lines(low: float, high: float, board_low: float, board_high: float, pitch: float, reach: float) -> FloatArray:

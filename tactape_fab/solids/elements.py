@@ -96,8 +96,7 @@ def ring_faces(rings: int, points: int) -> IntArray:
     ring, point = np.meshgrid(np.arange(rings - 1), np.arange(points), indexing="ij")
     a = (ring * points + point).ravel()
     b = (ring * points + (point + 1) % points).ravel()
-    faces: IntArray = np.concatenate([np.stack([a, b, b + points], axis=1), np.stack([a, b + points, a + points], axis=1)])
-    return faces
+    return np.concatenate([np.stack([a, b, b + points], axis=1), np.stack([a, b + points, a + points], axis=1)])
 
 
 def cap_faces(first: int, points: int, apex: int | None) -> IntArray:

@@ -44,8 +44,7 @@ _ARROW = ("00100", "01110", "11111", "00100", "00100")
 
 
 def _cells(rows: tuple[str, ...]) -> BoolArray:
-    cells: BoolArray = np.array([[cell == "1" for cell in row] for row in rows])
-    return cells
+    return np.array([[cell == "1" for cell in row] for row in rows])
 
 
 def raster(sector: int) -> BoolArray:
@@ -88,8 +87,7 @@ class Mark:
         rows, columns = self.cells.shape
         # rows go down while board y goes up; a back seen from below is seen in a mirror along x
         turn = (-1.0 if self.mirrored else 1.0, -1.0)
-        places: FloatArray = np.array(self.middle_mm) + (column_row - np.array([columns, rows]) / 2) * self.cell_mm * turn
-        return places
+        return np.array(self.middle_mm) + (column_row - np.array([columns, rows]) / 2) * self.cell_mm * turn
 
     def polygons(self) -> list[tuple[FloatArray, list[FloatArray]]]:
         """Outline and islands of every connected figure, in board coordinates: the sunk cells on the left of each loop."""

@@ -112,8 +112,7 @@ def _normals(corners: FloatArray) -> FloatArray:
     """Unit normal of every triangle, zero where it has no area; shape (f, 3)."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit: FloatArray = normals / np.where(lengths > 0.0, lengths, 1.0)
-    return unit
+    return normals / np.where(lengths > 0.0, lengths, 1.0)
 
 
 def _lambert(normals: FloatArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

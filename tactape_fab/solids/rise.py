@@ -20,8 +20,7 @@ _WIDER = 1.5
 def _surface_mm(t_mm: FloatArray, radius_mm: float) -> FloatArray:
     """Height of a cylinder under its tangent plane's z = 0, at a tangential offset."""
     # the cross section is a circle of radius R whose top touches the tangent plane: z = sqrt(R^2 - t^2) - R, never above 0
-    height: FloatArray = np.sqrt(radius_mm**2 - t_mm**2) - radius_mm
-    return height
+    return np.sqrt(radius_mm**2 - t_mm**2) - radius_mm
 
 
 def _dome_mm(part: TapePart, r_mm: FloatArray) -> FloatArray:
@@ -30,8 +29,7 @@ def _dome_mm(part: TapePart, r_mm: FloatArray) -> FloatArray:
     if part.top_mm is None:
         sphere_mm = sphere_radius_mm(part)
         # the sphere's centre is at height h - rho, so z = h - rho + sqrt(rho^2 - r^2); past the equator the root is kept at 0
-        height: FloatArray = np.sqrt(np.maximum(sphere_mm**2 - r_mm**2, 0.0)) + height_mm - sphere_mm
-        return height
+        return np.sqrt(np.maximum(sphere_mm**2 - r_mm**2, 0.0)) + height_mm - sphere_mm
     # the flank falls by h from the top's radius to the foot's, and goes on below the flat foot with that slope
     slope = height_mm / (foot_mm - part.top_mm / 2)
     return np.minimum(height_mm, (foot_mm - r_mm) * slope)

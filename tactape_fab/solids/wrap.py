@@ -59,8 +59,7 @@ class Wrap:
         angle, b, r = np.broadcast_arrays(angle_rad, b_mm, radius_mm)
         # the axis is at a = length / 2 and z = -R; angle 0 is straight up, so that r = R gives z = 0 on the middle line
         working = np.stack([self.length_mm / 2 + r * np.sin(angle), b, r * np.cos(angle) - self.radius_mm], axis=-1)
-        points: FloatArray = working @ self.turn.T
-        return points
+        return working @ self.turn.T
 
     def frames(self, angle_rad: FloatArray | float) -> FloatArray:
         """Tangent, axis direction and normal at angles, in the file's frame; shape (..., 3, 3), last axis x, y, z."""
@@ -69,8 +68,7 @@ class Wrap:
         # d/d angle of (sin, 0, cos) is the tangent, so that tangent x axis = normal: right-handed, as board x, y, z
         tangent = np.stack([np.cos(angle), zero, -np.sin(angle)], axis=-1)
         normal = np.stack([np.sin(angle), zero, np.cos(angle)], axis=-1)
-        frames: FloatArray = np.stack([tangent, np.stack([zero, one, zero], axis=-1), normal], axis=-2) @ self.turn.T
-        return frames
+        return np.stack([tangent, np.stack([zero, one, zero], axis=-1), normal], axis=-2) @ self.turn.T
 
 
 def wrap_of(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Wrap:

@@ -26,8 +26,7 @@ def short_side_fit(free: IntArray, width: int, height: int) -> IntArray:
 
 def bottom_left(free: IntArray, _: int, height: int) -> IntArray:
     """Upper edge of the placed rectangle: MAXRECTS-BL."""
-    top: IntArray = free[:, _Y0] + height
-    return top
+    return free[:, _Y0] + height
 
 
 def fill_sheets(sides: IntArray, sheet: tuple[int, int], order: Sequence[int], rule: Rule) -> IntArray:

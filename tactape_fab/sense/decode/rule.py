@@ -209,8 +209,7 @@ def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:
     # a part is at most 1 high: however loud the noise, a dot of MOST_MIDDLE is as likely a part as a bump
     middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
     # 30 in the exponent is 1e-13: beyond it nothing changes, and nothing overflows
-    trust: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(np.maximum((middle - weights) / (NOISE_WIDTH * noise), -30.0), 30.0)))
-    return trust
+    return 1.0 / (1.0 + np.exp(np.minimum(np.maximum((middle - weights) / (NOISE_WIDTH * noise), -30.0), 30.0)))
 
 
 def squared_errors(weights: FloatArray, sigma: float) -> FloatArray:
@@ -222,8 +221,7 @@ def squared_errors(weights: FloatArray, sigma: float) -> FloatArray:
     # a dot higher than a whole one is no better placed than that
     noise = sigma / np.minimum(np.maximum(weights, LEAST_WEIGHT), 1.0)
     rim = RIM_ERROR * np.maximum(1.0 - weights, 0.0)
-    variance: FloatArray = noise * noise + rim * rim
-    return variance
+    return noise * noise + rim * rim
 
 
 def sigma_of(squares: float, dots: float) -> float:

@@ -176,8 +176,7 @@ def rotation(quaternion: FloatArray) -> FloatArray:
     w, v = float(quaternion[0]), np.asarray(quaternion[1:], dtype=np.float64)
     across = np.array([(0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0)])
     # R x = (w^2 - v.v) x + 2 (v.x) v + 2 w v x x, with `across` the matrix of the cross product
-    out: FloatArray = (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * across
-    return out
+    return (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * across
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -31,8 +31,7 @@ def inside_mm(scene: Scene, at_mm: FloatArray) -> FloatArray:
     if scene.contact == "pad":
         return np.full(local.shape[:-1], np.inf)
     if scene.contact == "strip":
-        strip: FloatArray = scene.strip_half_mm - np.abs(local[..., 1])
-        return strip
+        return scene.strip_half_mm - np.abs(local[..., 1])
     # at relative distance r / R along a ray the outline is R - r = r (R / r - 1) away; in the middle that is 0 times infinity
     ellipse: FloatArray = np.hypot(local[..., 0], local[..., 1]) * (1 / np.maximum(_relative(scene, local), 1e-9) - 1)
     return np.where(_relative(scene, local) < 1e-6, min(scene.contact_mm) / 2, ellipse)
@@ -44,8 +43,7 @@ def imprint(scene: Scene, at_mm: FloatArray) -> FloatArray:
     if scene.roll_off_mm == 0.0:
         return np.where(inside >= 0.0, 1.0, 0.0)
     t = np.clip(0.5 + inside / scene.roll_off_mm, 0.0, 1.0)
-    share: FloatArray = t * t * (3 - 2 * t)
-    return share
+    return t * t * (3 - 2 * t)
 
 
 def inwards(scene: Scene, at_mm: FloatArray) -> FloatArray:
@@ -55,8 +53,7 @@ def inwards(scene: Scene, at_mm: FloatArray) -> FloatArray:
     steps = 1e-3 * np.eye(2)
     # central differences: the distance's slope points inwards
     slope = np.stack([inside_mm(scene, at_mm + step) - inside_mm(scene, at_mm - step) for step in steps], axis=-1)
-    unit: FloatArray = slope / np.maximum(np.hypot(slope[..., 0], slope[..., 1]), 1e-12)[..., None]
-    return unit
+    return slope / np.maximum(np.hypot(slope[..., 0], slope[..., 1]), 1e-12)[..., None]
 
 
 @lru_cache(maxsize=4)
@@ -106,8 +103,7 @@ def _relative(scene: Scene, local_mm: FloatArray) -> FloatArray:
     if scene.contact == "pad":
         return np.zeros(local_mm.shape[:-1])
     if scene.contact == "strip":
-        share: FloatArray = np.abs(local_mm[..., 1]) / scene.strip_half_mm
-        return share
+        return np.abs(local_mm[..., 1]) / scene.strip_half_mm
     scaled = local_mm / scene.contact_mm * 2
     return np.hypot(scaled[..., 0], scaled[..., 1])
 
@@ -122,5 +118,4 @@ def _background(scene: Scene, at_mm: FloatArray) -> FloatArray:
     rho = _relative(scene, contact_local(scene, at_mm))
     # at rho = 1 both are 1/2, with slope -1
     shape = np.where(rho < 1.0, 1 - rho**2 / 2, np.exp(-2 * (np.maximum(rho, 1.0) - 1)) / 2)
-    background: FloatArray = peak_mm * shape
-    return background
+    return peak_mm * shape

@@ -60,8 +60,7 @@ class Imprint:
         share = np.add.reduce([touching[i : i + h, j : j + w] for i in range(3) for j in range(3)]) / 9
         u, v = np.rint(at_px).astype(np.int64).T
         inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
-        found: FloatArray = np.where(inside, share[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)], 0.0)
-        return found
+        return np.where(inside, share[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)], 0.0)
 
 
 def imprint_of(
@@ -127,8 +126,7 @@ def _corners_mm(parts: Parts, length_mm: float, width_mm: float) -> FloatArray:
     turn = np.radians(parts.rotation_deg)[:, None]
     x, y = np.array([1, -1, -1, 1]) * length_mm / 2, np.array([1, 1, -1, -1]) * width_mm / 2
     offset = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)], axis=-1)
-    corners: FloatArray = parts.xy_mm[:, None] + offset
-    return corners
+    return parts.xy_mm[:, None] + offset
 
 
 def _surface_mm(view: View, elastic: ElasticContact, at_mm: FloatArray, relief_mm: FloatArray) -> FloatArray:
@@ -139,8 +137,7 @@ def _surface_mm(view: View, elastic: ElasticContact, at_mm: FloatArray, relief_m
     square, radius, height = contact_local(view.scene, at_mm)[..., 1] ** 2, elastic.cylinder_radius_mm, view.tape.part.body_mm[2]
     # heights over the axis: film on the radius, flat tops on the radius + the part's height; relief in between goes in proportion
     film, tops = (np.sqrt(np.maximum(r**2 - square, 0.0)) for r in (radius, radius + height))
-    curved: FloatArray = surface + film - radius + relief_mm * ((tops - film) / height - 1)
-    return curved
+    return surface + film - radius + relief_mm * ((tops - film) / height - 1)
 
 
 def _measured(surface_mm: FloatImage, px_per_mm: tuple[float, float], at_mm: FloatArray, elastic: ElasticContact) -> FloatImage:
@@ -166,8 +163,7 @@ def _measured(surface_mm: FloatImage, px_per_mm: tuple[float, float], at_mm: Flo
 def _markers(at_mm: FloatArray) -> npt.NDArray[np.bool_]:
     """The pixels under the dots of a dotted gel."""
     off_mm = (at_mm + _MARKER_PITCH_MM / 2) % _MARKER_PITCH_MM - _MARKER_PITCH_MM / 2
-    hidden: npt.NDArray[np.bool_] = np.hypot(off_mm[..., 0], off_mm[..., 1]) <= _MARKER_MM / 2
-    return hidden
+    return np.hypot(off_mm[..., 0], off_mm[..., 1]) <= _MARKER_MM / 2
 
 
 def integrated(right_mm: FloatArray, down_mm: FloatArray) -> FloatArray:
@@ -186,5 +182,4 @@ def integrated(right_mm: FloatArray, down_mm: FloatArray) -> FloatArray:
     curvature = 4 * np.sin(np.pi * np.arange(w + 1) / (2 * w)) ** 2 + 4 * np.sin(np.pi * np.arange(2 * h) / (2 * h))[:, None] ** 2
     waves = np.fft.rfft2(mirrored)
     curvature[0, 0], waves[0, 0] = 1.0, 0.0
-    surface: FloatArray = np.fft.irfft2(waves / curvature, mirrored.shape)[:h, :w]
-    return surface
+    return np.fft.irfft2(waves / curvature, mirrored.shape)[:h, :w]

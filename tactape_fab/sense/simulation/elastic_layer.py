@@ -68,8 +68,7 @@ def compliance(wavenumber_per_mm: npt.ArrayLike, layer: Layer) -> FloatArray:
     a = np.maximum(k * h, 1e-3)  # below, digits cancel, and it is the limit to 1e-5 (nu = 0.485)
     e, kappa = np.exp(-2 * a), 3 - 4 * nu
     share = (kappa * (1 - e * e) - 4 * a * e) / (kappa * (1 + e * e) + e * (1 + kappa**2 + 4 * a * a))
-    found: FloatArray = np.where(k * h < 1e-3, uniform, 2 * h * (1 - nu**2) / (modulus * a) * share)
-    return found
+    return np.where(k * h < 1e-3, uniform, 2 * h * (1 - nu**2) / (modulus * a) * share)
 
 
 @lru_cache(maxsize=2)
@@ -100,8 +99,7 @@ def deflection(pressure_mpa: FloatArray, of: Response) -> FloatArray:
     # axis by axis: rows of the padding are zero before the first transform, and are not asked for after the last
     waves = np.fft.fft(np.fft.rfft(pressure_mpa, of.size[1], axis=1), of.size[0], axis=0)
     waves *= of.spectrum
-    found: FloatArray = np.fft.irfft(np.fft.ifft(waves, axis=0)[:h], of.size[1], axis=1)[:, :w]
-    return found
+    return np.fft.irfft(np.fft.ifft(waves, axis=0)[:h], of.size[1], axis=1)[:, :w]
 
 
 def press_rigid(shape_mm: FloatArray, force: float, of: Response, start_mpa: FloatArray | None = None) -> Pressed:
@@ -150,8 +148,7 @@ def press_rigid(shape_mm: FloatArray, force: float, of: Response, start_mpa: Flo
 
 def _stiffened(gap_mm: FloatArray, of: Response) -> FloatArray:
     """The pressure that would close a gap if the layer were periodic and in contact everywhere: a preconditioner."""
-    closing: FloatArray = np.fft.irfft2(np.fft.rfft2(gap_mm) * of.stiffness, gap_mm.shape)
-    return closing
+    return np.fft.irfft2(np.fft.rfft2(gap_mm) * of.stiffness, gap_mm.shape)
 
 
 def _product(a: FloatArray, b: FloatArray) -> float:

@@ -51,8 +51,7 @@ def _integrated(shape: tuple[int, ...], px_per_mm: tuple[float, float], rng: np.
     height, width = (_fast_length(int(np.ceil(_PADDED * n))) for n in shape)
     # pairs of real numbers as complex ones, of variance 2
     drawn = rng.standard_normal((height, width // 2 + 1, 2)).view(np.complex128)[..., 0]
-    field: FloatArray = np.fft.irfft2(drawn * _amplitude(height, width, px_per_mm), (height, width))
-    return field
+    return np.fft.irfft2(drawn * _amplitude(height, width, px_per_mm), (height, width))
 
 
 @lru_cache(maxsize=4)

@@ -67,12 +67,10 @@ def add_domes(
 def _dome(square_mm2: FloatArray, foot_mm: FloatArray, top_mm: FloatArray, cap_height_mm: float | None) -> FloatArray:
     """Height of a dome over that of its centre, from the square of the distance to its axis."""
     if cap_height_mm is None:
-        cone: FloatArray = np.clip((foot_mm - np.sqrt(square_mm2)) / (foot_mm - top_mm), 0.0, 1.0)
-        return cone
+        return np.clip((foot_mm - np.sqrt(square_mm2)) / (foot_mm - top_mm), 0.0, 1.0)
     radius = (foot_mm**2 + cap_height_mm**2) / (2 * cap_height_mm)
     rise = np.sqrt(np.maximum(radius**2 - square_mm2, 0.0)) - (radius - cap_height_mm)
-    cap: FloatArray = np.maximum(rise, 0.0) / cap_height_mm
-    return cap
+    return np.maximum(rise, 0.0) / cap_height_mm
 
 
 def _windows(
@@ -128,5 +126,4 @@ def _area_under(a: FloatArray, b: FloatArray, u_border: FloatArray, v_border: Fl
     rise = np.maximum(high, 0.0)
     crossing = rise * rise / (2 * np.where(high > low, high - low, 1.0))
     mean = np.where(low >= 0.0, (high + low) / 2, crossing)
-    share: FloatArray = np.where(forward, 1.0, -1.0)[:, :, None] * run[:, :, None] * mean
-    return share
+    return np.where(forward, 1.0, -1.0)[:, :, None] * run[:, :, None] * mean

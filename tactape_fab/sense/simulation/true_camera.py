@@ -39,15 +39,13 @@ class TrueCamera:
     def from_px(self, px: FloatArray) -> FloatArray:
         """Points in view that pixels see; shape (..., 2), mm."""
         if _is_straight(self.camera):  # the very bits of a plain scale, which the inverse of a matrix would round otherwise
-            plain: FloatArray = (px - self.middle_px) / self.px_per_mm
-            return plain
+            return (px - self.middle_px) / self.px_per_mm
         return self.camera.from_px(px) - self.middle_mm
 
     def offsets_px(self, in_view_mm: FloatArray, offsets_mm: FloatArray) -> FloatArray:
         """Places of points beside others, from the others' places; (n, 2) and (n, k, 2) to (n, k, 2), px."""
         if self.camera.k1 == 0.0:
-            scaled: FloatArray = offsets_mm @ self.camera.matrix.T
-            return scaled
+            return offsets_mm @ self.camera.matrix.T
         return self.to_px(in_view_mm[:, None] + offsets_mm) - self.to_px(in_view_mm)[:, None]
 
 
@@ -96,5 +94,4 @@ def _border_px(size_px: tuple[int, int]) -> FloatArray:
     """Points around the image, on the outer edges of its pixels."""
     side = np.linspace(0.0, 1.0, _BORDER_POINTS)
     around = [np.stack(np.broadcast_arrays(*pair), axis=-1) for pair in ((side, 0.0), (side, 1.0), (0.0, side), (1.0, side))]
-    border: FloatArray = np.concatenate(around) * size_px - 0.5
-    return border
+    return np.concatenate(around) * size_px - 0.5

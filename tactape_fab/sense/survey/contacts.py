@@ -141,5 +141,4 @@ def _unseen(cells: IntArray, ground: Ground) -> IntArray:
                 # grid points without a part cannot be missed
                 missed += there[window] & ~seen[window]
     unseen = (missed <= MOST_UNSEEN) & (shown >= LEAST_NEIGHBOURS) & ~seen[1:-1, 1:-1] & (ground.part_at >= 0)
-    found: IntArray = ground.part_at[unseen]
-    return found
+    return ground.part_at[unseen]

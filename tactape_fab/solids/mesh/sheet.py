@@ -119,8 +119,7 @@ class _Builder:
         """Offset along the tangent at an element of points on the surface at an arc length from it."""
         if self._wrap is None:
             return arc_mm
-        offset: FloatArray = self._wrap.radius_mm * np.sin(arc_mm / self._wrap.radius_mm)
-        return offset
+        return self._wrap.radius_mm * np.sin(arc_mm / self._wrap.radius_mm)
 
     def _add_shell(
         self,
@@ -153,16 +152,14 @@ class _Builder:
             local = np.concatenate([np.column_stack([foot, np.zeros(len(foot))]), above])
             turn = np.diag(world(self._form))  # a half turn or none: signs
             points = local * turn + (np.column_stack([centre, np.zeros(len(parts))]) * turn)[:, None]
-            flat: FloatArray = points.reshape(-1, 3)
-            return flat
+            return points.reshape(-1, 3)
         radius_mm = self._wrap.radius_mm
         # (tangential, along, distance from the axis): the foot where the vertical through it meets the cylinder
         on_surface = np.column_stack([foot, np.sqrt(radius_mm**2 - foot[:, 0] ** 2)])
         local = np.concatenate([on_surface, above + np.array([0.0, 0.0, radius_mm])])
         angle = self._wrap.angle_rad(centre[:, 0])
         axis = self._wrap.point(angle, centre[:, 1], 0.0)
-        wrapped: FloatArray = (axis[:, None] + local @ self._wrap.frames(angle)).reshape(-1, 3)
-        return wrapped
+        return (axis[:, None] + local @ self._wrap.frames(angle)).reshape(-1, 3)
 
     # Board
 
@@ -263,8 +260,7 @@ class _Builder:
 
     def _placed(self, ab_mm: FloatArray, z_mm: float) -> FloatArray:
         if self._wrap is None:
-            flat: FloatArray = np.column_stack([ab_mm, np.full(len(ab_mm), z_mm)]) @ world(self._form).T
-            return flat
+            return np.column_stack([ab_mm, np.full(len(ab_mm), z_mm)]) @ world(self._form).T
         return self._wrap.point(self._wrap.angle_rad(ab_mm[:, 0]), ab_mm[:, 1], self._wrap.radius_mm + z_mm)
 
     def mesh(self) -> Mesh:

@@ -43,8 +43,7 @@ class Mesh:
     @property
     def corners_mm(self) -> FloatArray:
         """Corners of every triangle; shape (f, 3, 3)."""
-        corners: FloatArray = self.vertices_mm[self.faces]
-        return corners
+        return self.vertices_mm[self.faces]
 
     @property
     def volume_mm3(self) -> float:

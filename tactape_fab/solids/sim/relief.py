@@ -94,13 +94,11 @@ def element_height_mm(part: TapePart, offset_mm: FloatArray) -> FloatArray:
     length_mm, width_mm, height_mm = part.body_mm
     if part.shape == "block":
         turned = np.abs(rotate(offset_mm, -part.rotation_deg))
-        block: FloatArray = np.where((turned <= np.array([length_mm, width_mm]) / 2).all(axis=-1), height_mm, 0.0)
-        return block
+        return np.where((turned <= np.array([length_mm, width_mm]) / 2).all(axis=-1), height_mm, 0.0)
     r = np.hypot(offset_mm[..., 0], offset_mm[..., 1])
     if part.top_mm is not None:
         slope = height_mm / (length_mm / 2 - part.top_mm / 2)
-        cone: FloatArray = np.clip((length_mm / 2 - r) * slope, 0.0, height_mm)
-        return cone
+        return np.clip((length_mm / 2 - r) * slope, 0.0, height_mm)
     sphere_mm = sphere_radius_mm(part)
     cap: FloatArray = np.maximum(np.sqrt(np.maximum(sphere_mm**2 - r * r, 0.0)) + height_mm - sphere_mm, 0.0)
     return np.where(r <= length_mm / 2, cap, 0.0)

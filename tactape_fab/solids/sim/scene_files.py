@@ -115,8 +115,7 @@ def matrix_quaternion(rotation: FloatArray) -> FloatArray:
     )
     # three times Bar-Itzhack's matrix, with its eigenvectors: that of the largest value is the nearest rotation's
     x, y, z, w = np.linalg.eigh(k)[1][:, -1].tolist()
-    found: FloatArray = np.array([w, x, y, z]) * (1.0 if w >= 0 else -1.0)
-    return found
+    return np.array([w, x, y, z]) * (1.0 if w >= 0 else -1.0)
 
 
 def _material(name: str, colour_file: str | None, rgb: Colour) -> list[str]:

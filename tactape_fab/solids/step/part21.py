@@ -217,8 +217,7 @@ def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
     out[:, :lead][column < first[:, None]] = ord(" ")
     out[np.flatnonzero(negative), first[negative] - 1] = ord("-")
     width = out.shape[1]
-    texts: TextArray = out.view(f"S{width}").reshape(scaled.shape)
-    return texts
+    return out.view(f"S{width}").reshape(scaled.shape)
 
 
 # What every file has

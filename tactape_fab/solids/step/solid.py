@@ -116,8 +116,7 @@ class FlatBase:
         self.entities_to_come += entities_of_mark(self._mark)
 
     def _point(self, xy: tuple[float, float], z: float) -> FloatArray:
-        point: FloatArray = self._turn @ (*xy, z)
-        return point
+        return self._turn @ (*xy, z)
 
     def _axes(self, xy: tuple[float, float], z: float, angle_rad: float) -> str:
         """A placement about the upward axis that counts angles from `angle_rad`."""

@@ -341,8 +341,7 @@ class _Finder:
         self._only[cells] = np.where(count[cells] == 1, np.arange(len(cells)), -1)
 
     def _cells(self, xy_mm: FloatArray) -> IntArray:
-        cells: IntArray = np.searchsorted(self._xs, xy_mm[:, 0]) * (len(self._ys) + 1) + np.searchsorted(self._ys, xy_mm[:, 1])
-        return cells
+        return np.searchsorted(self._xs, xy_mm[:, 0]) * (len(self._ys) + 1) + np.searchsorted(self._ys, xy_mm[:, 1])
 
     def __call__(self, xy_mm: FloatArray) -> IntArray:
         import shapely

@@ -195,8 +195,7 @@ def _basis(knots: FloatArray, places: FloatArray, derivative: int, degree: int =
             a = np.where(knots[i + degree] > knots[i], degree / (knots[i + degree] - knots[i]), 0.0)
             b = np.where(knots[i + degree + 1] > knots[i + 1], degree / (knots[i + degree + 1] - knots[i + 1]), 0.0)
         # N'_i,p = p N_i,p-1 / (u_i+p - u_i) - p N_i+1,p-1 / (u_i+p+1 - u_i+1); terms over an empty span count as 0
-        slopes: FloatArray = a * lower[:, :-1] - b * lower[:, 1:]
-        return slopes
+        return a * lower[:, :-1] - b * lower[:, 1:]
     if degree == 0:
         inside = (knots[:-1] <= places[:, None]) & (places[:, None] < knots[1:])
         # spans are half open; the end of the last one belongs to it, or all functions would be 0 there
@@ -210,5 +209,4 @@ def _basis(knots: FloatArray, places: FloatArray, derivative: int, degree: int =
         down_span = knots[i + degree + 1] - knots[i + 1]
         down = np.where(down_span > 0, (knots[i + degree + 1] - places[:, None]) / down_span, 0.0)
     # N_i,p = (u - u_i) N_i,p-1 / (u_i+p - u_i) + (u_i+p+1 - u) N_i+1,p-1 / (u_i+p+1 - u_i+1)
-    value: FloatArray = up * lower[:, :-1] + down * lower[:, 1:]
-    return value
+    return up * lower[:, :-1] + down * lower[:, 1:]

@@ -106,8 +106,7 @@ class Chart(Protocol):
 def unit(vectors: FloatArray) -> FloatArray:
     """Vectors of length 1 along the last axis; zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    scaled: FloatArray = vectors / np.where(length > 0, length, 1.0)
-    return scaled
+    return vectors / np.where(length > 0, length, 1.0)
 
 
 def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatArray:

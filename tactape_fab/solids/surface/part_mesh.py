@@ -52,8 +52,7 @@ class Facets:
         # coordinate i falls from 1 at corner i to 0 on the opposite edge e: its gradient is n x e / 2A, of length 1 / height
         opposite = np.stack([c - b, a - c, b - a], axis=1)
         inward = np.cross(self.normals[:, None], opposite)
-        scaled: FloatArray = inward / np.where(area2 > 0, area2, np.inf)[:, None, None]
-        return scaled
+        return inward / np.where(area2 > 0, area2, np.inf)[:, None, None]
 
     @cached_property
     def neighbours(self) -> tuple[IntArray, IntArray]:

@@ -36,8 +36,7 @@ def _blocks_mm3(part: TapePart, surface: Developable, frames: Frames) -> FloatAr
     x, y = (np.broadcast_to(a, shape) for a in (c * along - s * across, s * along + c * across))
     # sides stand straight, so the surface's height over the tangent plane is taken off everywhere under the foot
     mean_mm = surface.heights(frames, x, y) @ np.outer(weight, weight).ravel() / 4
-    volume: FloatArray = length * width * (height - mean_mm)
-    return volume
+    return length * width * (height - mean_mm)
 
 
 def _domes_mm3(part: TapePart, surface: Developable, frames: Frames, sink_mm: float) -> FloatArray:

@@ -259,8 +259,7 @@ def _polygon(item: Tree, origin_mm: FloatArray) -> FloatArray:
     corners = np.array(rows, dtype=np.float64).reshape(-1, 2)
     if not np.isfinite(corners).all():
         raise ReadbackError("a polygon of it is not finite")
-    moved: FloatArray = (corners - origin_mm) * (1.0, -1.0)
-    return moved
+    return (corners - origin_mm) * (1.0, -1.0)
 
 
 def _refuse_hollow(item: Tree) -> None:

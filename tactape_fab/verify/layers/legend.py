@@ -57,8 +57,7 @@ def legend_picture(legend: GerberContent, tag: Tag, *, legend_is_light: bool) ->
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
         # sixteenths of a pixel in 32 bits; what is farther off is outside of the picture anyway
         inside = np.clip(board_to_picture(points_mm, upper_left_mm, px_per_mm), -1e6, 1e6)
-        fixed: npt.NDArray[np.int32] = np.rint(inside * 16).astype(np.int32)
-        return fixed
+        return np.rint(inside * 16).astype(np.int32)
 
     for area in legend.areas_mm:
         cv2.fillPoly(image, [px(area)], ink, cv2.LINE_8, 4)

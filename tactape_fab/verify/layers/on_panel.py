@@ -56,8 +56,7 @@ def inside(xy_mm: FloatArray, on: OnPanel) -> BoolArray:
     """Mask of the points on a tape's board; shape (n,)."""
     local = on.on_board(xy_mm)
     high = np.array(on.tape.board.size_mm) + PLACE_TOLERANCE_MM
-    result: BoolArray = np.asarray(((local >= -PLACE_TOLERANCE_MM) & (local <= high)).all(axis=-1))
-    return result
+    return np.asarray(((local >= -PLACE_TOLERANCE_MM) & (local <= high)).all(axis=-1))
 
 
 def whole(shapes: Sequence[FloatArray], on: OnPanel) -> list[int]:

@@ -111,8 +111,6 @@ def solid_centre_mm(tape: Tape, form: SolidForm) -> FloatArray | None:
         base = solid_volume_mm3(tape, form) + parts
         centre = (base * np.array([x, y, (height + form.base_mm) / 2]) - parts * middle) / (base - parts)
         # half a turn about board y, as the file has it
-        turned: FloatArray = centre * (-1.0, 1.0, -1.0)
-        return turned
+        return centre * (-1.0, 1.0, -1.0)
     base = solid_volume_mm3(tape, form) - parts
-    flat: FloatArray = (base * np.array([x, y, -form.base_mm / 2]) + parts * middle) / (base + parts)
-    return flat
+    return (base * np.array([x, y, -form.base_mm / 2]) + parts * middle) / (base + parts)

@@ -57,5 +57,4 @@ def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: No
 def _middles(length_mm: float, step_mm: float) -> FloatArray:
     """Centres of equal steps that fill a length, mm."""
     count = max(round(length_mm / step_mm), 1)
-    middles: FloatArray = (np.arange(count) + 0.5) * length_mm / count
-    return middles
+    return (np.arange(count) + 0.5) * length_mm / count

@@ -71,8 +71,7 @@ def _compliance(wavenumber: FloatArray, thickness_mm: float, modulus_mpa: float,
     # for large a the whole tends to 2 (1 - nu^2) / (E k), the half-space; for a -> 0 to h (1 + nu) (1 - 2 nu) / (E (1 - nu)), a
     # layer under uniform pressure
     share = (2 * kappa * np.sinh(2 * a) - 4 * a) / (2 * kappa * np.cosh(2 * a) + 1 + kappa**2 + 4 * a * a)
-    found: FloatArray = 2 * (1 - poisson**2) / (modulus_mpa * np.maximum(wavenumber, 1e-3 / thickness_mm)) * share
-    return found
+    return 2 * (1 - poisson**2) / (modulus_mpa * np.maximum(wavenumber, 1e-3 / thickness_mm)) * share
 
 
 def force_on(

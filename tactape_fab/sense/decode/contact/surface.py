@@ -66,8 +66,7 @@ class ContactView:
         """Places of pixels, right and down of the image centre; both (n, 2), px and mm."""
         if self.bent is not None:
             return self.bent.from_px(seen_px) - self.bent.from_px(self.centre_px)
-        on_gel: FloatArray = (seen_px - self.centre_px) / self.px_per_mm
-        return on_gel
+        return (seen_px - self.centre_px) / self.px_per_mm
 
     def from_border_mm(self, seen_px: FloatArray) -> FloatArray:
         """How far pixels are from the image's border; (n, 2) to (n,)."""

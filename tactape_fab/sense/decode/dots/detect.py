@@ -52,8 +52,7 @@ class Dots:
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:
     """Band-pass for the width of a part: a Gaussian less a mean over about the pitch (paper, Eq. 1, with a smoother kernel)."""
-    band: Image = banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
-    return band
+    return banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
 
 
 def coarseness(px_per_mm: float) -> int:

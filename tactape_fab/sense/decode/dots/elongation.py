@@ -26,8 +26,7 @@ def square_pixels(elongation: FloatArray | None, aspect: float) -> FloatArray | 
         return elongation
     # second derivatives in v' = aspect v: h_vv falls by aspect squared, h_uv by aspect
     along, across, mixed = 1.0 + elongation[:, 0], (1.0 - elongation[:, 0]) / aspect**2, elongation[:, 1] / aspect
-    out: FloatArray = np.stack([along - across, 2.0 * mixed], axis=1) / (along + across)[:, None]
-    return out
+    return np.stack([along - across, 2.0 * mixed], axis=1) / (along + across)[:, None]
 
 
 def flipped_u(elongation: FloatArray | None) -> FloatArray | None:
