@@ -172,6 +172,12 @@ class CapacityError(SpecError):
     """The tape exceeds the range of the code plane."""
 
 
+def refuse(problems: Sequence[Problem]) -> None:
+    """Raise SpecError with these problems, if there are any."""
+    if problems:
+        raise SpecError(problems)
+
+
 def refusal(problems: Sequence[Problem], findings: Sequence[Finding] = ()) -> SpecError:
     """The error with these problems: a CapacityError if the code's reach is the only problem."""
     reach_only = all(isinstance(problem, ReachProblem) for problem in problems)

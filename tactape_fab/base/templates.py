@@ -14,7 +14,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-from tactape_fab.base.errors import Problem, SpecError, reason_of
+from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 
@@ -117,5 +117,4 @@ def read_once(kind: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
 
 
 def refuse_problems(table: Fields) -> None:
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)

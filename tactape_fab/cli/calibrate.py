@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.cli.exits import answers, with_options
 from tactape_fab.cli.options import pair
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, table_lines
@@ -102,8 +102,7 @@ def _calibrated(
     known = None if known_theta is None else tried(lambda: _known(known_theta), problems)
     count = sum(file.count for file in opened if file is not None)
     poses = None if hand_eye is None else tried(lambda: read_arm_poses(hand_eye, "hand_eye", count), problems)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     assert path is not None and sensor is not None and tapes is not None
     images = (frame for file in opened if file is not None for frame in file.frames())
     return calibrate_sensor(images, tapes, sensor, name=path.stem[:100], known_theta=known, arm_poses=poses), path

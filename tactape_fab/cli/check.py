@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tactape_fab.base.errors import DesignRuleError, Problem, SpecError, tried
+from tactape_fab.base.errors import DesignRuleError, Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import degrees, length, lengths, number, pair, size
@@ -239,8 +239,7 @@ def examined_order(
             examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes or ())
     except SpecError as error:
         raise SpecError([*problems, *error.problems], error.findings) from None
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     echo_lines_err(remarks)
     return examined
 

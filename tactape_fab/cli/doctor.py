@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tactape_fab
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, refuse, tried
 from tactape_fab.base.launch import FREECAD, PRUSA_SLICER, installed, run
 from tactape_fab.base.libraries import library
 from tactape_fab.cli.exits import answers, with_options
@@ -91,8 +91,7 @@ def _look(frames: Sequence[str], kits: Sequence[str], like: str | None) -> First
     scales = {file.px_per_mm for file in opened if file is not None}
     if len(scales) > 1:
         problems.append(Problem("sensor", "the files are of sensors with different px/mm; give --sensor one of them at a time"))
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     assert sensor is not None
     images = (depth for file in opened if file is not None for depth in file.frames())
     return look_at_frames(images, tapes or (), sensor, scales.pop())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.cli.exits import VERIFICATION, answers, fail
 from tactape_fab.cli.options import degrees, length, per_inch
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, step_shown, table_lines
@@ -69,8 +69,7 @@ def inspect(
         tried(lambda: check_output(Path(output)), problems)
         if picture is not None:
             tried(lambda: refuse_pictures(Path(picture), [], "picture"), problems)
-        if problems:
-            raise SpecError(problems)
+        refuse(problems)
         options = {
             "dpi": None if dpi is None else per_inch(dpi),
             "tolerance_mm": None if tolerance is None else length(tolerance),

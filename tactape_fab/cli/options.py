@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.cli.printing import echo_lines_err
 
 if TYPE_CHECKING:
@@ -86,8 +86,7 @@ def workers_of(text: str | None, usual: Workers | None = None) -> Workers:
 
     problems: list[Problem] = []
     chosen = checked_workers(None if text is None else number(text), problems, usual=usual)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return chosen
 
 

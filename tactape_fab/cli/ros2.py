@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP
@@ -56,8 +56,7 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
             tried(lambda: refuse_package(Path(package)), problems)
             tried(lambda: read_tapes(kits), problems)
             tried(lambda: None if sensor is None else load_sensor(sensor), problems)
-            if problems:
-                raise SpecError(problems)
+            refuse(problems)
             echo_lines(str(Path(package) / path) for path in write_package(Path(package), given))
             return
         from tactape_fab.sense.live.ros2_node import run_ros2_node

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, refuse, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, workers_of, workers_option
 from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_shown, verified_line
@@ -20,7 +20,7 @@ _STAND_IN = (
 )
 
 if TYPE_CHECKING:
-    from tactape_fab.base.errors import Check
+    from tactape_fab.base.errors import Check, refuse
     from tactape_fab.verify import Verification
     from tactape_fab.verify.verification import Said
 
@@ -110,8 +110,7 @@ def _verified(
         from tactape_fab.verify.trip.map import refuse_map
 
         path = tried(lambda: refuse_map(kit, map_file, overwrite=overwrite), problems)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     if reproduce:
         return _reproduced(kit, said, required=True)
     step = step_shown()

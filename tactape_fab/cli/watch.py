@@ -170,7 +170,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
 
 def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, Any]) -> tuple[int | None, list[Watch]]:
     """Number of answers after which to end (None: no end), and the opened sources with their jobs."""
-    from tactape_fab.base.errors import SpecError, tried
+    from tactape_fab.base.errors import SpecError, refuse, tried
     from tactape_fab.base.fields import Fields, shown
     from tactape_fab.sense.live.extras import missing_extra
     from tactape_fab.sense.live.messages import FRAME_BY_NAME
@@ -198,8 +198,7 @@ def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, A
         raise SpecError([*problems, *error.problems]) from None
     if given["rerun"] or given["save"] is not None or not (unsent or given["frame_id"]):
         tried(lambda: refuse_equal_names(watches[0].job.tapes, FRAME_BY_NAME), problems)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return count, watches
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.build_date import build_date, dated
-from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, reason_of, tried
+from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, reason_of, refuse, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.pool import Workers, checked_workers, mapped
@@ -161,8 +161,7 @@ def make_kits(
     folder = as_path(folder, "folder", "the folder for the kits")
     of_workers: list[Problem] = []
     workers = checked_workers(workers, of_workers)
-    if of_workers:
-        raise SpecError(of_workers)
+    refuse(of_workers)
     if not isinstance(tapes, Sequence) or not all(isinstance(tape, Planned) for tape in tapes):
         raise SpecError(Problem("tapes", f"tapes = {shown(tapes)} is no list of planned tapes; give list_tapes(...).tapes"))
     refuse_wrong_how(verify=verify, force=force, signer=signer)
@@ -317,8 +316,7 @@ def make_packed(
     problems: list[Problem] = []
     for order in orders:
         tried(lambda path=order.path: refuse_taken(path, overwrite=overwrite), problems)  # type: ignore[misc]
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     with _made_folder(folder):
         yield from _in_processes(_make_panel, orders, workers)
 

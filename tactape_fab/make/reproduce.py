@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from tactape_fab.base.build_date import dated
-from tactape_fab.base.errors import Check, Problem, SpecError, TactapeError, reason_of
+from tactape_fab.base.errors import Check, Problem, SpecError, TactapeError, reason_of, refuse
 from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
@@ -118,8 +118,7 @@ def _read_made(content: Mapping[str, Any]) -> dict[str, Any]:
         "coverlay_asked": table.flag("coverlay_asked"),
         "libraries": {name: libraries.get(name) for name in versions_in_kits()},
     }
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return made
 
 
@@ -166,8 +165,7 @@ def _recorded_choice(search: object, tape: Tape) -> Choice:
         default_distance=_distance(table, "default_distance"),
         from_others=_distance(table, "from_others"),
     )
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return choice
 
 
@@ -185,8 +183,7 @@ def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
         problems.append(Problem("size_mm", f"its {tape.columns} x {tape.rows} grid points are not those of a board of that size"))
     if len(board.holes) > MOST_HOLES:
         problems.append(Problem("holes_mm", f"it has {len(board.holes)} holes, more than {MOST_HOLES}"))
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
 
 
 # A panel
@@ -196,8 +193,7 @@ def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str]
     """As `_reproduced`, of a panel with all its kits."""
     made = _read_made(content)
     placed = read_placed(table := Fields(content))
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     root = file.parent.resolve()
     tapes = []
     for place in placed:

@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactape_fab.base.errors import RenderError, SpecError
+from tactape_fab.base.errors import RenderError, SpecError, refuse
 from tactape_fab.base.libraries import library
 from tactape_fab.solids.checks import form_problems, refuse_no_form
 from tactape_fab.solids.forms import SolidForm
@@ -49,8 +49,7 @@ def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
     form = SolidForm() if form is None else form
     refuse_no_form(form)
     problems = form_problems(tape, form)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     imported = _imported(solid_step(tape, form, name=tape.name, date=_DATE, rgb=TEXTURE_RGB))
     solids = imported.solids()
     if len(solids) != 1:

@@ -7,7 +7,7 @@ from math import asin, ceil, pi
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.solids.elements import mean_radius_mm, reach_mm
@@ -37,8 +37,7 @@ def refuse_no_form(form: object) -> None:
     refuse_other(form.cylinder, (Cylinder, type(None)), "cylinder", "Cylinder", "Cylinder(radius_mm=R), or leave it out")
     table = Fields({**form.to_mapping(), "mark": form.mark})
     read_form(table)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
 
 
 def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:

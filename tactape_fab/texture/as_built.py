@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, reason_of
+from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import as_numbers, refuse_other
@@ -130,8 +130,7 @@ class AsBuilt:
 
     def __post_init__(self) -> None:
         problems = _array_problems(self)
-        if problems:
-            raise SpecError(problems)
+        refuse(problems)
         for array in (self.number, self.dx_mm, self.dy_mm, self.rotation_deg, self.present, self.sigma_mm):
             array.setflags(write=False)
 
@@ -339,8 +338,7 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, m
         return None
     built = given if isinstance(given, AsBuilt) else AsBuilt.load(manifest.parent / AS_BUILT_NAME if given is None else given)
     problems = built.problems_for(name, manifest_digest(manifest), parts, most_mm)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return built
 
 

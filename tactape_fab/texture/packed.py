@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import SpecError, reason_of
+from tactape_fab.base.errors import SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.json_text import parse_json
@@ -159,13 +159,11 @@ def _another(first: Tape, row: Fields, symbols: SymbolArray) -> Tape:
     name, sector = row.text("name", pattern=NAME_PATTERN), row.integer("sector", low=0, high=code.sectors - 1)
     column, line = row.integers("origin", 2, low=0, high=code.range - 1)
     tag = None if first.tag is None else replace(first.tag, id=row.integer("tag_id", low=0, high=TAG_IDS - 1))
-    if row.problems:
-        raise SpecError(row.problems)
+    refuse(row.problems)
     if symbols.max() >= first.directions:
         raise SpecError(f"a symbol is {symbols.max()}, and there are {first.directions}")
     code.check_symbols(symbols, sector, (column, line), row)
-    if row.problems:
-        raise SpecError(row.problems)
+    refuse(row.problems)
     return replace(first, name=name, sector=sector, origin=(column, line), symbols=symbols, tag=tag)
 
 

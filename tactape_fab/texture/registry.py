@@ -10,7 +10,7 @@ from functools import partial
 from os import PathLike
 from pathlib import Path
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
@@ -74,8 +74,7 @@ def as_tapes(tapes: object) -> list[Tape]:
             found += tried(partial(read_tapes, [entry if isinstance(entry, str) else Path(entry)]), problems) or []
         else:
             problems.append(no_tape(entry, "Tape.load(KIT), or the path of a kit"))
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return found
 
 
@@ -120,8 +119,7 @@ def read_registered(
             except SpecError as error:
                 problems.extend(_of_kit(place, problem) for problem in error.problems)
     problems += given.unused(entries)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return entries
 
 

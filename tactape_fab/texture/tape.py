@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.texture.as_built import AsBuilt, BuiltParts, Given, as_built_of
@@ -290,8 +290,7 @@ def _read_tape(table: Fields) -> Tape:
     surface = read_surface(table.table("surface")) if "surface" in table.values else None
     if columns * rows > MOST_POINTS:
         table.problem("columns", f"columns x rows = {columns} x {rows} exceeds {MOST_POINTS} grid points")
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     symbols = _read_symbols(table, rows, columns, directions)
     code.check_symbols(symbols, sector, (origin[0], origin[1]), table)
     return Tape(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Check, SpecError
+from tactape_fab.base.errors import Check, SpecError, refuse
 from tactape_fab.base.fields import Fields, named
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.solids.checks import form_problems
@@ -112,8 +112,7 @@ def _read_record(manifest_file: Path) -> _Record:
     form = read_form(table.table("solid")) if kind == "texture" or (kind == "film" and "solid" in manifest) else None
     table.table("tool")
     table.table("spec")
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return _Record(manifest=manifest, tape=tape, kind=kind, film=film, form=form)
 
 

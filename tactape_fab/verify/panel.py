@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Check, SpecError, reason_of
+from tactape_fab.base.errors import Check, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, named
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
@@ -147,8 +147,7 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
         placed=read_placed(table),
         film=read_film_manifest(table),
     )
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return record
 
 
@@ -157,8 +156,7 @@ def _on_panel(folder: Path, place: PlacedTape) -> _OnPanel:
     tape = Tape.load(file, as_built=NOMINAL)
     table = Fields(read_any_manifest(file), f"{place.manifest}: ")
     film = read_film_manifest(table)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return _OnPanel(tape=tape, place=place, film=film)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil
 
-from tactape_fab.base.errors import Finding, Problem, SpecError
+from tactape_fab.base.errors import Finding, Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.examine.order import ExaminedPanel, without_remedy
 from tactape_fab.kit.examine.tape import Examined, examine
@@ -66,8 +66,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         raise SpecError(Problem("fab", f"{message}{_size(TAPE_MM)}; order a tape without a coupon"))
     table = Fields({"name": _usual_name(fab) if name is None else name})
     name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     tapes = tuple(_examined(fab_name, sector, trial) for sector, trial in enumerate(wanted, start=first_sector))
     # the first sheet is the fullest: tapes that do not fit on it are left out, and said
     _, (packed, *others) = pack_panels([(TAPE_MM, tape.tape.board.corner_radius_mm) for tape in tapes], fab)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import ceil
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, refuse
 from tactape_fab.kit.film.drawing import Hole, Offset
 from tactape_fab.kit.panel.geometry import Panel, Place, Size, grid_places, panel_size_mm
 from tactape_fab.kit.plan import TOLERANCE_MM
@@ -63,8 +63,7 @@ def _checked(size_mm: Size, places: tuple[Place, ...], grid: tuple[int, int] | N
         for problem in _tab_problems(place, tabs, fab)
     ]
     problems += _mark_problems(size_mm, fab)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return Panel(
         size_mm=size_mm,
         places=places,

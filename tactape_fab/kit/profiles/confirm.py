@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.plain_text import toml_string
 from tactape_fab.kit.profiles.fabs import FabProfile, load_fab
@@ -52,8 +52,7 @@ def read_trials(content: Mapping[str, Any]) -> tuple[str, tuple[Trial, ...]]:
                 measured_mm={key: measured.number(key, low=-100.0, high=100.0) for key in measured.values},
             )
         )
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return fab, tuple(trials)
 
 
@@ -92,8 +91,7 @@ def confirm(
     modes = _modes(fab, whole, broken)
     if not modes or not whole:
         problems.append(Problem("held", "--held: no way to open the coverlay came back whole; ask another fab"))
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     origin = f"source = {toml_string(source)}\ndate = {toml_string(date)}\nconfirmed = true\n"
     # a path in a profile counts from the profile's own folder
     extends = os.path.relpath(fab_name, place.parent) if fab_name.endswith(".toml") else fab_name

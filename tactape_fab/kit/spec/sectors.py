@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, refuse
 from tactape_fab.base.fields import named, shown
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_code
 
@@ -45,8 +45,7 @@ def read_sectors(value: object, sectors: int, key: str = "sectors") -> tuple[int
                 found[sector] = found.get(sector, 0) + 1
     if repeated := [str(sector) for sector, times in found.items() if times > 1]:
         problem(f"names sector {named(repeated)} more than once; name each once")
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return tuple(found)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError, reason_of
+from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
@@ -81,8 +81,7 @@ def read_answers(path: str | Path, frames: int) -> tuple[str, dict[int, Answer]]
                     problems.append(Problem("answers", f"{shown_path(path)}, line {number}: {error}"))
     except OSError as error:
         raise SpecError(Problem("answers", f"{shown_path(path)} cannot be read: {reason_of(error)}")) from error
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return method, found
 
 

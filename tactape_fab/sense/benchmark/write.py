@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import SpecError, TactapeError, reason_of, tried
+from tactape_fab.base.errors import TactapeError, reason_of, refuse, tried
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import sha256_of
 from tactape_fab.base.output_file import refuse_taken_place, sync_below, sync_folder, unfinished, write_file
@@ -71,8 +71,7 @@ def write_benchmark(
             table.problem("only", f"only = {shown(name)} is no condition; give one such as {shown(close)}")
     for path in (folder, truth_path(folder)):
         tried(functools.partial(refuse_taken_place, path, "folder"), table.problems)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     names = [name for name in CONDITIONS if name in only or not only]
     partial = unfinished(folder)
     try:

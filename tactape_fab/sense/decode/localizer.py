@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import FrameError, Problem, SpecError, tried
+from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.sense.decode.accept import accept_place
@@ -144,8 +144,7 @@ class Localizer:
         if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
         problems += tape_problems(tapes, method)
-        if problems:
-            raise SpecError(problems)
+        refuse(problems)
         registry = register(tapes, unregistered_share=unregistered_share if world == "open" else 0.0)
         parts = {tape.part.relief for tape in tapes}
         self._method = method
@@ -204,8 +203,7 @@ class Localizer:
         ]
         settings = {"max_p_false": max_p_false, "kappa": kappa, "fixed_scale": fixed_scale}
         problems += setting_problems(given_settings(settings), code=code)
-        if problems:
-            raise SpecError(problems)
+        refuse(problems)
         self = cls.__new__(cls)
         self._method = "ml"
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)

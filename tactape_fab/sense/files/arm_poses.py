@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError, reason_of
+from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.input_file import read_regular
@@ -67,8 +67,7 @@ class ArmPose:
         matrix = as_numbers(self.flange_to_base, (4, 4), "flange_to_base", remedy)
         if not _is_pose(matrix):
             table.problem("flange_to_base", f"flange_to_base of frame {shown(self.frame)} is no pose; give {remedy}")
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
         object.__setattr__(self, "flange_to_base", matrix)
 
 

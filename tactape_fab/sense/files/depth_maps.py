@@ -18,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, tried
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, refuse, tried
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.raw.image_files import PICTURES, read_picture, read_picture_header
@@ -118,8 +118,7 @@ def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[Fram
                     f"'{sensor.name}' are {height} x {width}; give another sensor",
                 )
             )
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return opened
 
 

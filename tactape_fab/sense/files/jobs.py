@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, refuse, tried
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.decode.settings import setting_problems
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
@@ -108,8 +108,7 @@ def prepare(
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
     job = prepare_without_frames(kits, sensor, problems, colour=raw is not None, **options)
     files = None if job is None else tried(partial(_open, frames, raw, job.sensor, topic), problems)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     assert job is not None and files is not None
     return replace(job, files=files)
 
@@ -152,8 +151,7 @@ def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile, topic:
     recordings = [one for one in found if one is not None]
     # one for all: what is wrong with it is said once
     colours = open_reconstruction(raw.background, raw.weights, profile, problems) if raw is not None and given else None
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     if colours is not None:
         of_images = [RawImage(path=path, reconstruction=colours) for path in images]
         return [*of_images, *(replace(one, reconstruction=colours) for one in recordings)]

@@ -15,7 +15,7 @@ from typing import IO, Any
 import numpy as np
 
 from tactape_fab.base.build_date import zip_date, zip_entry
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, tried
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, refuse, tried
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder, unfinished
@@ -132,8 +132,7 @@ def simulate_file(
     tape = tried(partial(_tape, kit, measured), problems)
     parts = None if tape is None else tried(partial(_parts_from, source, tape, kit), problems)
     path = tried(lambda: refuse_taken_file(output), problems)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     assert how is not None and profile is not None and tape is not None and path is not None
     poses = None if at is None else np.tile(at, (frames_count, 1))
     frames = iterate_frames(tape, frames_count, whole_seed, profile, how, poses=poses, edge=edge, parts=parts)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_path import as_path
 from tactape_fab.sense.inspect.bodies import COVERED, Bodies, fit_bodies
@@ -121,16 +121,14 @@ def inspect_with_views(
     for i, path in enumerate(paths):
         progress("scan", i, len(paths))
         views += tried(partial(views_of, path, wanted, dpi), problems) or []
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     shown_tapes = sorted({v.number for v in views})
     if wanted[0].offset_mm is not None:  # a panel is inspected whole
         shown_tapes = list(range(len(wanted)))
     groups = [[v for v in views if v.number == number] for number in shown_tapes]
     for number, group in zip(shown_tapes, groups, strict=True):
         problems += _outside(wanted[number].tape, group)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     found = []
     for i, (number, group) in enumerate(zip(shown_tapes, groups, strict=True)):
         progress("tape", i, len(groups))

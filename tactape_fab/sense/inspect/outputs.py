@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.output_file import refuse_taken_place, write_file
@@ -41,8 +41,7 @@ def _refuse_other(places: Sequence[Path], table: Path) -> None:
             ),
             problems,
         )
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
 
 
 def _is_table(path: Path) -> bool:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import Problem, SpecError, reason_of, tried
+from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
@@ -96,8 +96,7 @@ def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs
         own: list[Problem] = []
         watches.append(_opened(one, job, jobs, messages, own))
         problems += [Problem(p.key, f"sensor {one.name}: {p.message}") for p in own] if one.name else own
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     return [watched for watched in watches if watched is not None]
 
 
@@ -192,8 +191,7 @@ def _source(
     if wishes.raw and (plain or given == STANDARD_INPUT):
         message = f"raw = True is for a camera, a film ({', '.join(FILMS)}) or a folder of images, not for {shown_path(given)}"
         problems.append(Problem("raw", f"{message}; leave it out"))
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     if given == STANDARD_INPUT:
         try:
             stdin = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115  # no lock that a reader still holds at the end

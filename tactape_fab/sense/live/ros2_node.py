@@ -10,7 +10,7 @@ from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
-from tactape_fab.base.errors import FrameError, Problem, SpecError, TactapeError, tried
+from tactape_fab.base.errors import FrameError, Problem, SpecError, TactapeError, refuse, tried
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.files.image_message import depth_of
 from tactape_fab.sense.files.jobs import prepare_without_frames
@@ -249,7 +249,6 @@ def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:
     job = prepare_without_frames(list(given["kits"]), given["sensor"], problems, **wishes)
     if job is not None and not given["frame_id"]:
         tried(lambda: refuse_equal_names(job.tapes, FRAME_BY_NAME), problems)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     assert job is not None
     return most_age_s, Watch(job=job, source=source)

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import refuse
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.sense.decode.space import Surface, image_pose
@@ -71,8 +71,7 @@ class Mount:
             table.text("around", choices=("x", "y"))
             table.number("top_mm", above=0.0)
             table.number("true_mm", above=0.0)
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "position_mm", position_mm)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.templates import read_toml
@@ -133,8 +133,7 @@ def read_object(path: str | Path) -> TapedObject:
     if not tapes and not table.problems:
         table.problem("tapes", "tapes is empty; give a [[tapes]] for each tape on the object")
     _refuse_doubles(tapes, table)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return TapedObject(name=name, tapes=tuple(tapes))
 
 
@@ -152,8 +151,7 @@ def refuse_ambiguous(thing: TapedObject, tapes: Sequence[Tape]) -> None:
         if alike is not None and (alike.tape.name, alike.tape.board) != (tape.name, tape.board):
             message = f"tape {tape.name} has the texture of {shown_path(alike.kit)}, which is on the object, and no touch tells "
             problems.append(Problem("tape", f"{message}them apart; use another sector for one of them, or leave it out"))
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
 
 
 def _place(tape: Tape) -> tuple[str, int, tuple[int, int]]:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.raw.perceptron import of_pixels
@@ -234,8 +234,7 @@ def _read_scale(px_per_mm: object) -> tuple[float, float]:
     both = (px_per_mm, px_per_mm) if isinstance(px_per_mm, Real) else px_per_mm
     table = Fields({"px_per_mm": both.tolist() if isinstance(both, np.ndarray) else both})
     u_px, v_px = table.numbers("px_per_mm", 2, low=0.1, high=1e4, unit="px/mm", remedy="give px/mm, such as 16.0, or (u, v)")
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return u_px, v_px
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.given_value import unmasked
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, as_sensor
@@ -41,16 +41,14 @@ def edge_problems(edge: object, poses: object, name: str = "poses") -> list[Prob
 def checked_seed(seed: int) -> int:
     table = Fields({"seed": seed})
     whole = table.integer("seed", low=0, high=2**64 - 1)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return whole
 
 
 def check_count(count: int) -> None:
     table = Fields({"count": count})
     table.integer("count", low=1, high=MOST_FRAMES)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
 
 
 def checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import imprint, inwards
@@ -54,8 +54,7 @@ class DotErrors:
             table.number(name, low=0.0, high=1.0, unit="")
         for name in ("sigma_px", "rim_sigma_px", "rim_pull_px", "outlier_px", "false_dots", "weight_sigma"):
             table.number(name, low=0.0, high=1000.0, unit="px" if name.endswith("px") else "")
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
 
 
 DEFAULT_ERRORS = DotErrors()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import refuse
 from tactape_fab.base.fields import Fields
 
 
@@ -63,8 +63,7 @@ class ElasticContact:
             if name in given:
                 table.number(name, low=least, high=most, unit=unit)
         table.flag("markers")
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
 
 
 _MOST_TILT_DEG = 20.0

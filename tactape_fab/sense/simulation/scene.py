@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from math import sqrt
 from typing import Any, Literal
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, unknown_key
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 
@@ -130,8 +130,7 @@ class Scene:
         elastic = table.values.get("elastic")
         if elastic is not None and not isinstance(elastic, ElasticContact):
             table.problem("elastic", f"elastic = {shown(elastic)} is no ElasticContact; give one, or None")
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
         if self.elastic is not None:
             self._take_shape(self.elastic)
 
@@ -178,8 +177,7 @@ class Scene:
         """
         known = [f.name for f in fields(self)]
         unknown = [unknown_key(name, known) for name in options if name not in known]
-        if unknown:
-            raise SpecError(unknown)
+        refuse(unknown)
         return replace(self, **options) if options else self
 
     def to_mapping(self) -> dict[str, Any]:

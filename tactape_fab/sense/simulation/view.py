@@ -8,7 +8,7 @@ from math import cos, radians, sin, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.simulation.contact import contact_local
@@ -132,7 +132,6 @@ def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile:
     table = Fields({"position_mm": plain, "theta_deg": theta_deg})
     x, y = table.numbers("position_mm", 2, low=-FARTHEST_MM, high=FARTHEST_MM)
     theta = table.number("theta_deg", low=-1e6, high=1e6, unit="deg")
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     camera = true_camera(profile, scene)
     return View(tape=tape, profile=profile, scene=scene, position_mm=np.array([x, y]), theta_deg=theta, camera=camera)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.pool import Workers, checked_workers, mapped
 from tactape_fab.sense.decode.localizer import Localizer
@@ -131,8 +131,7 @@ def survey_files(
         profile = replace(profile, px_per_mm=scales.pop())
     if output is not None and tape is not None:
         tried(lambda: refuse_other_kit(file_of(Path(output)), manifest_digest(find_manifest(kit)), "output"), problems)
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
     assert tape is not None and profile is not None and files is not None and robot is not None
     return _surveyed(tape, find_manifest(kit), profile, files, robot, progress, chosen)
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.decode.result import Localization, tape_named
 from tactape_fab.sense.decode.search.search import MOST_RADIUS_MM, Prior
@@ -85,8 +85,7 @@ class Motion:
         if self.shear_mm is not None:
             table.number("shear_mm", above=0.0, high=100.0)
         table.integer("patience", low=1, high=10_000)
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

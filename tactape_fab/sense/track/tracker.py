@@ -9,7 +9,7 @@ from numbers import Real
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse
 from tactape_fab.base.fields import shown
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
@@ -131,8 +131,7 @@ class Tracker:
             problems.append(Problem("localizer", message))
         if not isinstance(moving, Motion | None):
             problems.append(Problem("motion", f"motion = {shown(moving)} is no Motion; give one, or leave it out"))
-        if problems:
-            raise SpecError(problems)
+        refuse(problems)
         if not localizer.takes_prior:
             message = "this localizer takes no prior (method 'paper', or a code without tapes); register tapes with method 'ml'"
             raise SpecError(Problem("localizer", message))

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import SpecError, refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
@@ -43,8 +43,7 @@ def read_placement(values: Mapping[str, Any]) -> Placement:
     )
     if placement.up is not None and not any(placement.up) and not table.refused("up"):
         table.problem("up", f"up = {','.join(f'{v:g}' for v in placement.up)} is no direction; give three numbers, not all zero")
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     return placement
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.solids.elements import element_volume_mm3, foot_area_mm2, reach_mm
 from tactape_fab.solids.surface.charts import Chart, Frames
 from tactape_fab.solids.surface.patch import (
@@ -102,8 +102,7 @@ def refuse_tape(tape: Tape) -> None:
                 f"only {tape.pitch_mm / 2:.3f} mm; make the kit with a larger --w, a smaller --delta or a smaller part",
             )
         )
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
 
 
 def lay_out(tape: Tape, chart: Chart) -> LaidOut:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.texture.certify.certificate import first_pairs
 from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
@@ -89,8 +89,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     refuse_no_tapes(tapes, "tapes")
     table = Fields({"side": side})
     side = table.integer("side", low=1, high=MOST_SIDE)
-    if table.problems:
-        raise SpecError(table.problems)
+    refuse(table.problems)
     if len(tapes) == 0:
         raise SpecError(Problem("tapes", "tapes holds no tape; give at least one"))
     count = len(tapes)

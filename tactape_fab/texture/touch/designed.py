@@ -7,7 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
@@ -77,8 +77,7 @@ class DesignedCode:
             table.problem(
                 "origin", f"origin = {list(origin)} of code '{self.name}' is not [0, 0]: its symbols are the tape's own"
             )
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
 
 
 def symbols_sha256(symbols: SymbolArray) -> str:

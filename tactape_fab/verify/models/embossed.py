@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Check, SpecError
+from tactape_fab.base.errors import Check, SpecError, refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl
 from tactape_fab.solids.mesh.triangles import Mesh
@@ -36,8 +36,7 @@ def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_byt
         surface = table.table("surface")
         volume_mm3 = surface.number("volume_mm3", above=0.0, unit="mm3")
         bodies = surface.integer("bodies", low=1, high=1_000_000)
-        if table.problems:
-            raise SpecError(table.problems)
+        refuse(table.problems)
     except SpecError as error:
         return [Check(name="manifest", passed=False, message="; ".join(str(error).splitlines()))]
     try:

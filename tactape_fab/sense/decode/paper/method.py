@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, refuse
 from tactape_fab.sense.decode.paper.dot_grid import GridCase, find_baseline, find_grid, read_symbols, turned
 from tactape_fab.sense.decode.paper.preprocess import REFERENCE_PX_PER_MM, contact_dot, detect_dots, estimate_scale
 from tactape_fab.sense.decode.paper.windows_read import (
@@ -163,8 +163,7 @@ def _check(tapes: Sequence[Tape], px_per_mm: float | None, rule: Rule) -> None:
         )
     if rule not in get_args(Rule):
         problems.append(Problem("rule", f"rule = {rule!r} is none of: {', '.join(get_args(Rule))}"))
-    if problems:
-        raise SpecError(problems)
+    refuse(problems)
 
 
 def _kinds(tapes: Sequence[Tape]) -> list[list[Tape]]:

@@ -9,7 +9,7 @@ from numbers import Real
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, refuse
 from tactape_fab.base.fields import shown
 from tactape_fab.sense.decode.rule import LEAST_DOTS, PRIOR_SHARE, place_weights
 from tactape_fab.sense.decode.search.all_places import weigh_sites
@@ -89,8 +89,7 @@ class Prior:
         name: object = self.tape
         if not (name is None or isinstance(name, str)):
             problems.append(Problem("tape", f"tape = {shown(name)} is no name; give the tape's name, or None for any"))
-        if problems:
-            raise SpecError(problems)
+        refuse(problems)
 
 
 def _are_numbers(values: object, count: int) -> bool:
