@@ -47,6 +47,7 @@ from tactape_fab.verify.film import (
 )
 from tactape_fab.verify.layers.board import check_outline
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
+from tactape_fab.verify.layers.drawing_words import Told
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.film_layers import pardoned
@@ -243,6 +244,7 @@ def _check_film(
     made = shown_on_board(tape.name, tape, film, layers.gerbers)
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
     radius_mm, legend = tape.board.corner_radius_mm, layers.gerbers.get("legend-top")
-    checks += check_drawings(files, tape.name, shown, radius_mm, [], legend, film.order, film.film.backings)
+    told = Told(tape=tape, on_panel=False, assembly=film.assembly, lands=film.lands) if film.own_version else None
+    checks += check_drawings(files, tape.name, shown, radius_mm, [], legend, film.order, film.film.backings, told)
     checks.append(check_job(tape.name, tape.board.size_mm, film.order, files))
     return [*checks, check_zip(files, with_job=film.film.job_in_zip)]

@@ -47,6 +47,7 @@ from tactape_fab.verify.film import (
 )
 from tactape_fab.verify.kit import verify_folder
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
+from tactape_fab.verify.layers.drawing_words import Told
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.film_layers import pardoned
@@ -251,7 +252,8 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     made = shown_on_board(record.name, tapes[0].tape, film, layers.gerbers)
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
     slots, legend = [*slots_mm(panel)], layers.gerbers.get("legend-top")
-    checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings)
+    told = Told(tape=tapes[0].tape, on_panel=True, assembly=film.assembly, lands=film.lands) if film.own_version else None
+    checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings, told)
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
     pictured = Pictured(
         size_mm=panel.size_mm,

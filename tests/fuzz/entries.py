@@ -50,6 +50,7 @@ from tactape_fab.verify.film import (
 )
 from tactape_fab.verify.film import read_role as read_of
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
+from tactape_fab.verify.layers.drawing_words import Told
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.job_file import check_job
@@ -219,8 +220,10 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
     def kicad(files: Files) -> object:
         return check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, board)
 
+    told = Told(tape=tape, on_panel=False, assembly=film.assembly, lands=film.lands)
+
     def drawings(files: Files) -> object:
-        return check_drawings(files, tape.name, shown, tape.board.corner_radius_mm, [], legend, **made)
+        return check_drawings(files, tape.name, shown, tape.board.corner_radius_mm, [], legend, **made, told=told)
 
     def pictures(files: Files) -> object:
         xy_mm, turned_deg, body_mm = shown.parts_xy_mm, shown.rotation_deg, tape.part.body_mm[:2]

@@ -19,6 +19,7 @@ from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.board import off_outline_mm
+from tactape_fab.verify.layers.drawing_words import Told, in_ascii, word_problems
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
@@ -44,18 +45,29 @@ def check_drawings(
     legend: GerberContent | None,
     order: FabOrder | None,
     backings: Mapping[str, str],
+    told: Told | None = None,
 ) -> list[Check]:
-    """Check the drawings that are there; `legend` is the layer that the fab prints, `order` what it makes the film of."""
+    """Check the drawings that are there; `legend` is the layer that the fab prints, `order` what it makes the film of.
+
+    `told` is what the PDF of this version says besides; without it, of another one, only some words are looked for.
+    """
     checks = []
     if "fab-dxf" in files:
         problems = _dxf_problems(files["fab-dxf"].data, expected, radius_mm, slots_mm, legend)
         right = "outline, slots, holes and ink as the manifest and the legend have them, and every part in a field"
         checks.append(Check(name="fab-dxf", passed=not problems, message=named(problems) or right))
     if "fab-drawing" in files:
-        problems = _pdf_problems(files["fab-drawing"].data, name, expected, order, backings)
-        right = (
-            "one page that runs and fetches nothing; name, size, parts and stack as the manifest's; not compared: what it draws"
-        )
+        try:
+            words = _read_pdf(files["fab-drawing"].data)
+            problems = _facts_problems(words, name, expected, order, backings)
+            problems = problems or (
+                [] if told is None else word_problems(words, name, expected, radius_mm, told, order, backings)
+            )
+        except (ValueError, zlib.error) as error:
+            problems = [f"it is not in the form that this tool writes: {error}"]
+        right = "one page that runs and fetches nothing; "
+        right += "name, size, parts and stack" if told is None else "its words"
+        right += " as the manifest's; not compared: what it draws" + ", and its scales" * (told is not None)
         checks.append(Check(name="fab-drawing", passed=not problems, message=named(problems) or right))
     return checks
 
@@ -191,11 +203,7 @@ _NAME = re.compile(rb"/[^\s()<>\[\]{}/%]*")
 _OF_FONTS = re.compile(rb"/(?:F\d\+0|AAAAAA\+BitstreamVeraSans-(?:Roman|Bold))")
 
 
-def _pdf_problems(data: bytes, name: str, expected: Shown, order: FabOrder | None, backings: Mapping[str, str]) -> list[str]:
-    try:
-        words = _read_pdf(data)
-    except (ValueError, zlib.error) as error:
-        return [f"it is not in the form that this tool writes: {error}"]
+def _facts_problems(words: str, name: str, expected: Shown, order: FabOrder | None, backings: Mapping[str, str]) -> list[str]:
     width, height = (f"{side_mm:g}" for side_mm in expected.size_mm)
     facts = [f" Title {name} ", f" {width} ", f" {height} ", f" parts {len(expected.parts_xy_mm)} x "]
     turned = set(expected.rotation_deg.tolist())
@@ -209,16 +217,11 @@ def _pdf_problems(data: bytes, name: str, expected: Shown, order: FabOrder | Non
         # version 0.1.0 called a solder mask coverlay, too
         words = words.replace(f" coverlay {order.coverlay_colour}; ", f" {order.mask} {order.coverlay_colour}; ")
         facts += [
-            f" copper {order.copper_um:g} ?m, one layer, {_in_ascii(order.finish)};",
+            f" copper {order.copper_um:g} ?m, one layer, {in_ascii(order.finish)};",
             f" {order.mask} {order.coverlay_colour}; ",
         ]
-        facts += [f" base {_in_ascii(order.base)}; film {order.thickness_mm:g} thick in all "]
+        facts += [f" base {in_ascii(order.base)}; film {order.thickness_mm:g} thick in all "]
     return [f"it lacks {fact.strip()!r}" for fact in facts if fact not in words]
-
-
-def _in_ascii(text: str) -> str:
-    """A text as `_read_pdf` reads it."""
-    return "".join(c if " " <= c <= "~" else "?" for c in text)
 
 
 def _read_pdf(data: bytes) -> str:

@@ -407,6 +407,28 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "drawing: 1.6 mm": (of_page(lambda b: swapped(b, b"film 0.11 thick", b"film 1.6 thick")), "fab-drawing"),
     "drawing: turned": (of_page(lambda b: swapped(b, b"parts turned 45", b"parts turned 90")), "fab-drawing"),
     "drawing: stiffener": (of_page(lambda b: swapped(b, b"(none) Tj", b"(FR4 0.2 mm, whole underside) Tj")), "fab-drawing"),
+    **{
+        f"drawing: {what}": (of_page(lambda b, old=old, new=new: swapped(b, old, new)), "fab-drawing")  # type: ignore[misc]
+        for what, old, new in (
+            ("sense of rotations", b"file are counter-clockwise", b"file are clockwise"),
+            ("lean", b"leans like this: /", b"leans like this: -"),
+            ("place of a hole", b"x 16.400", b"x 15.400"),
+            ("a hole less", b"x 16.400", b"16.400"),
+            ("pitch", b"(W 1.5)", b"(W 1.7)"),
+            ("dimension", b"(20) Tj", b"(21) Tj"),
+            ("radius", b"radius 1 ", b"radius 2 "),
+            ("ink", b"white, lines", b"black, lines"),
+            ("body", b"0.6 x 0.3 x 0.23", b"1.0 x 0.5 x 0.35"),
+            ("lands", b"lands 0.46", b"lands 0.56"),
+            ("openings", b"never merged", b"may be merged"),
+            ("unit", b"all dimensions in mm", b"all dimensions in mil"),
+            ("which file rules", b"Gerber and drill files rule; this", b"drawing rules; this"),
+            ("sector", b"sector 100", b"sector 101"),
+            ("assembly format", b"format generic", b"format macrofab"),
+            ("a text more", b"(none) Tj", b"(none) Tj (FR4 0.2 mm) Tj"),
+            ("a text at the end", b"sheet 1 of 1, A4) Tj", b"sheet 1 of 1, A4) Tj (use FR4) Tj"),
+        )
+    },
     "report: script": (of_report("</main>", "</main><script>alert(1)</script>"), "report"),
     "report: no policy": (bytes_of("report", lambda b: re.sub(rb"<meta http-equiv[^>]*>\n", b"", b)), "report"),
     "report: a script before its policy": (of_report("<head>", "<head><script>alert(1)</script>"), "report"),
