@@ -14,9 +14,11 @@ from tactape_fab.base.fields import named, shown
 from tactape_fab.kit.read.gerber_file import ReadbackError, read_gerber
 from tactape_fab.kit.render.order_notes import COPPER_OZ, LAMINATES, in_a_line
 from tactape_fab.solids.elements import reach_mm
+from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
+from tactape_fab.verify.layers.drawing_words import lean
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.legend import inked_or_cut
 
@@ -116,13 +118,16 @@ def _row_problems(
     )
     told = {label for label, _ in rows}
     yield from (f"they do not say the {labels[0]}" for labels in [*expected][:3] if told.isdisjoint(labels))
-    if not all(rest.endswith("Do not ", 0, found.start()) for found in re.finditer(r"\bmerge\b", rest)):
-        yield "they say 'merge' without 'Do not'"
+    for found in re.finditer(r"\b(merge|align)\b", rest, re.IGNORECASE):
+        if not rest.endswith("Do not ", 0, found.start()):
+            yield f"they say {found[1]!r} without 'Do not'"
+    yield from _placement_problems(rest, of, assembly)
     width, height = map(_length, of.size_mm)
     yield from _other_figures(rest, rf"one board of {_FIGURE} x {_FIGURE} mm", (width, height))
     if of.on_panel:
         return
     last_mm = tuple(map(_length, tape.part_xy_mm()[-1].tolist()))
+    yield from _other_figures(rest, r"\blean(?:s like this:|ing like) (\S)", (lean(tape.part.rotation_deg),))
     yield from _other_figures(rest, rf"The board alone \({_FIGURE} x {_FIGURE} mm\)", (width, height))
     yield from _other_figures(rest, rf"and R{of.part_count} at {_FIGURE}, {_FIGURE} mm", last_mm)
     low, high = (tape.part_xy_mm() - reach_mm(tape.part)).min(axis=0), (tape.part_xy_mm() + reach_mm(tape.part)).max(axis=0)
@@ -146,10 +151,30 @@ def _row_problems(
 
 
 def _other_figures(text: str, pattern: str, right: tuple[str, ...]) -> Iterator[str]:
-    """Pairs of figures that are not the right ones, wherever the notes have such a sentence."""
-    for found in re.findall(pattern, text):
-        if found != right:
-            yield f"they say {', '.join(found)} where {', '.join(right)} should stand"
+    """Figures and words that are not the right ones, wherever the notes have such a sentence."""
+    for found in re.finditer(pattern, text):
+        if found.groups() != right:
+            yield f"they say {', '.join(found.groups())} where {', '.join(right)} should stand"
+
+
+def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> Iterator[str]:
+    """What the assembly line is told otherwise than the placement list has it: frame, sense, side, parts and how many to buy."""
+    house = PLACEMENTS[assembly.format]
+    sense = "clockwise" if house.clockwise else "counter-clockwise"
+    as_listed = (assembly.format, house.unit, sense, "as in the Gerber files")
+    yield from _other_figures(
+        text, r"Coordinates: (\w+) from the board's (\w+ \w+) corner, y (\w+),", ("millimetres", "lower left", "up")
+    )
+    yield from _other_figures(text, r" format (\S+): (\w+), ([\w-]+), origin (\S[^\n]*)", as_listed)
+    yield from _other_figures(text, r"turned -?[\d.]+ deg ([\w-]*clockwise)", ("counter-clockwise",))
+    yield from _other_figures(
+        text, r"(\d+) parts (\S[^\n]*), all on ([^,\n]+),", (str(of.part_count), in_a_line(assembly.footprint), "top")
+    )
+    number = f"number {in_a_line(assembly.part_number)}" if assembly.part_number else "no part number is given"
+    yield from _other_figures(text, r"; ((?:no part )?number [^\n]*)\.\n", (number,))
+    for boards, parts in re.findall(r"^   parts for (\d{1,9}) \S+ +(\d{1,9})\b", text, re.MULTILINE):
+        if int(parts) < int(boards) * of.part_count:
+            yield f"they say {parts} parts for {boards} boards of {of.part_count}"
 
 
 def _expected_rows(
@@ -183,6 +208,8 @@ def _expected_rows(
         else (f"{hole} mm(, unplated)?" if tape.board.holes else "no holes"),
         ("parts of a board", "Number of SMD Parts"): str(of.part_count),
         ("joints of a board",): str(2 * of.part_count),
+        ("side", "Side(s)", "PCBA Side", "Assembly Side"): "[Tt]op( only| side| Side)?",
+        ("kinds of part", "Number of Unique Parts"): "1",
         ("smallest part",): any_part,
         ("part number", "JLCPCB Part #", "Mfg Part # in the BOM"): number or f"none given|(?:{choose}){any_part}",
     }

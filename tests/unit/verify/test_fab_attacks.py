@@ -350,6 +350,25 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "notes: displacement": (notes("differ by 0.25 mm", "differ by 0.2 mm"), "order-notes"),
     "notes: first part": (bytes_of("order-notes", lambda b: re.sub(rb"R1 at [\d.]+,", b"R1 at 9.9,", b)), "order-notes"),
     "notes: merge openings": (notes("Do not merge openings", "Please merge openings"), "order-notes"),
+    **{
+        f"notes: {what}": (notes(old, new), "order-notes")
+        for what, old, new in (
+            ("lean in the remark", "leans like this: /", "leans like this: \\"),
+            ("lean in the preview", "all leaning like /", "all leaning like \\"),
+            ("sense of the rotation", "45 deg counter-clockwise", "45 deg clockwise"),
+            ("side", "top only", "both sides"),
+            ("side in the remark", "all on top", "all on the bottom"),
+            ("unit of the list", "generic: mm, counter-clockwise", "generic: mil, counter-clockwise"),
+            ("sense of the list", "generic: mm, counter-clockwise", "generic: mm, clockwise"),
+            ("origin of the list", "origin as in the Gerber files", "origin in the middle"),
+            ("frame", "lower left corner, y up", "upper left corner, y down"),
+            ("align", "Do not align them", "Align them"),
+            ("footprint", "94 parts R_0201_0603Metric", "94 parts R_0402_1005Metric"),
+            ("kinds of part", "kinds of part                      1", "kinds of part                      2"),
+            ("parts to buy", "parts for 5 tapes                  517", "parts for 5 tapes                  94"),
+            ("part number in the remark", "no part number is given.", "number C4711."),
+        )
+    },
     "notes: quantity": (notes("STEP 8. ", "   96 parts a board, 1960 parts in all\n\nSTEP 8. "), "order-notes"),
     "dxf: outline": (swap("fab-dxf", "20.000000", "20.100000"), "fab-dxf"),
     "dxf: a cut across": (text_of("fab-dxf", dxf_cut), "fab-dxf"),
