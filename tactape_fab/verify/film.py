@@ -243,7 +243,7 @@ def check_attributes(
         nets = set(re.findall(rb"TO\.N,([^*\n]*)", files[role].data)) - {b"N/C"}
         problems += [f"{role} has a net {shown(net.decode('ascii', 'replace'))}" for net in nets]
     backings = {role: (file_function(role, backing), "Positive") for role, backing in record.film.backings.items()}
-    functions, origins = {**FILE_FUNCTIONS, **backings}, set()
+    functions = {**FILE_FUNCTIONS, **backings}
     for role, content in gerbers.items():
         # the component layer is its attributes, so that they are never off
         mode = "full" if role == "components-top" else record.x2
@@ -251,15 +251,15 @@ def check_attributes(
         if start is not None:
             missing = [n for n in REQUIRED_ATTRIBUTES if start + n.encode() not in files[role].data]
             problems += [f"{role} has no .{name}" for name in missing]
-            origins.add(re.search(rb"TF\.SameCoordinates,([^*]*)\*", files[role].data))
         if mode == "full" and role == "copper-top":
             problems += _pad_problems(content, part)
         for attribute, expected in zip(("FileFunction", "FilePolarity"), functions[role], strict=True):
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
                 problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
-    # equal values of .SameCoordinates say that layers fit on each other as they are
-    if len({match[1] for match in origins if match is not None}) > 1:
+    # equal values of .SameCoordinates say that layers fit on each other as they are; a drill file has it in a comment
+    drawn = [files[role].data for role in (*gerbers, "drill-npth") if role in files]
+    if len({origin for data in drawn for origin in re.findall(rb"TF\.SameCoordinates,([^*\n]*)", data)}) > 1:
         problems.append("the layers have different .SameCoordinates")
     message = named(problems) if problems else "names and file functions as the roles, MD5 signatures right"
     return Check(name="attributes", passed=not problems, message=message)

@@ -502,6 +502,10 @@ OF_NO_OTHER_READER: dict[str, tuple[Edit, str]] = {
         swap("drill-npth", "; #@! TF.Part", "; #@! TF.Filefunction,Plated\n; #@! TF.Part"),
         "written form",
     ),
+    "drill: of other coordinates": (
+        bytes_of("drill-npth", lambda b: re.sub(rb"(?<=SameCoordinates,)[^\n]*", b"another", b)),
+        "attributes",
+    ),
     "drill: an array": (swap("drill-npth", "TF.Part,Single", "TF.Part,Array"), "attributes"),
     "preview: script": (swap("preview-svg", "</svg>", "<script>alert(1)</script></svg>"), "previews"),
     "preview: event": (swap("preview-svg", "<svg", "<svg onload='alert(1)'"), "previews"),
