@@ -305,7 +305,8 @@ def simulated(
     ``progress`` is called with the number of contacts that were located or refused so far, 0 at first, and their number.
     """
     progress(0, frames)
-    tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
+    # spread over the sectors that every code has; 37 is odd, so that the first 256 are all different
+    tapes = [tape_of(line, question, (7 + 37 * k) % 256) for k in range(min(question.tapes, 256))]
     blocks = [range(first, min(first + _BLOCK, frames)) for first in range(0, frames, _BLOCK)]
     errors: list[tuple[float, float] | None] = []
     for of_block in mapped(partial(_located, tapes, line, question, frames), blocks, workers):
@@ -355,9 +356,3 @@ def _located(
             # the angle wrapped to half a turn
             found.append((off_mm, abs((fix.theta_deg - truth.theta_deg + 180.0) % 360.0 - 180.0)))
     return found
-
-
-def _sectors(count: int) -> list[int]:
-    """One sector per registered tape, spread over the sectors that every code has."""
-    # 37 is odd, so that the first 256 are all different
-    return [(7 + 37 * k) % 256 for k in range(min(count, 256))]

@@ -48,6 +48,11 @@ def sha256_of(path: Path) -> str:
     return digest.hexdigest()
 
 
+def begins_with(path: Path, mark: str) -> bool:
+    """Whether a regular file begins with some ASCII text. Raises OSError."""
+    return read_regular(path, len(mark)).startswith(mark.encode("ascii"))
+
+
 def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: int) -> bytes:
     """The bytes of a member of a zip that unpacks to no more than `most_bytes`, whatever it says of itself.
 

@@ -24,25 +24,14 @@ _AT_ONCE = 8
 def refuse_taken_place(
     path: Path, key: str, *, overwrite: bool | None = None, ours: Callable[[Path], bool] | None = None, kind: str = ""
 ) -> None:
-    """Refuse a path of a new file: in no folder, or that of something else.
+    """Refuse a path of a new file: in no folder, or that of something else. Raises SpecError.
 
-    Parameters
-    ----------
-    path : Path
-    key : str
-        The option that names it, for the message.
-    overwrite : bool, optional
-        Whether a regular file there may be replaced, as --overwrite asks for; None where there is no such option. A link, a
-        folder or a device never is.
-    ours : callable, optional
-        Whether a regular file there is of the kind that is written: no other is replaced, with `overwrite` neither, and where
+    key: The option that names it, for the message.
+    overwrite: Whether a regular file there may be replaced, as --overwrite asks for; None where there is no such option. A link,
+        a folder or a device never is.
+    ours: Whether a regular file there is of the kind that is written: no other is replaced, with `overwrite` neither, and where
         there is no such option it is replaced without being asked to. It may raise OSError or ValueError.
-    kind : str
-        What a file is that is not, for the message.
-
-    Raises
-    ------
-    SpecError
+    kind: What a file is that is not, for the message.
     """
     said = f"{key} = {shown_path(path)}"
     try:
@@ -81,21 +70,9 @@ def unfinished(path: Path) -> Path:
 def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
     """Write a file, whole or not at all: an older file stays until the new one has its name.
 
-    Parameters
-    ----------
-    path : Path
-    data : bytes
-    key : str
-        The option that names it, for messages.
-    overwrite : bool
-        As for `refuse_taken_place`, which is asked again.
-
-    Raises
-    ------
-    SpecError
-        If the place is taken.
-    TactapeError
-        If it cannot be written; nothing is left of it.
+    key, overwrite: As for `refuse_taken_place`, which is asked again.
+    Raises SpecError if the place is taken.
+    Raises TactapeError if it cannot be written; nothing is left of it.
     """
     refuse_taken_place(path, key, overwrite=overwrite)
     partial = unfinished(path)
@@ -141,12 +118,7 @@ def _name_if_free(partial: Path, path: Path) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Bring a file to the disk.
-
-    Raises
-    ------
-    OSError
-    """
+    """Bring a file to the disk. Raises OSError."""
     handle = os.open(path, os.O_RDWR)  # some systems sync only what may be written
     try:
         os.fsync(handle)
@@ -165,13 +137,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_below(folder: Path) -> None:
-    """Bring every file and folder below a folder to the disk.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be brought there.
-    """
+    """Bring every file and folder below a folder to the disk. Raises OSError if a file cannot be brought there."""
     from concurrent.futures import ThreadPoolExecutor  # imported here: reading commands do without
 
     # topdown=False: what lies deepest first, so that a folder is synced after all that it holds

@@ -80,9 +80,10 @@ def _calibrated(
     hand_eye: str | None,
 ) -> tuple[Calibration, Path]:
     """The calibration, and the path of its profile; all invalid values are refused together."""
+    from tactape_fab.base.picture_file import refuse_pictures
     from tactape_fab.sense import calibrate_sensor
     from tactape_fab.sense.calibrate.files import checked_output
-    from tactape_fab.sense.calibrate.picture import refuse_folder
+    from tactape_fab.sense.calibrate.picture import PICTURES
     from tactape_fab.sense.files.arm_poses import read_arm_poses
     from tactape_fab.sense.files.depth_maps import open_frame_file
     from tactape_fab.sense.sensors import load_sensor
@@ -91,7 +92,7 @@ def _calibrated(
     problems: list[Problem] = []
     path = tried(lambda: checked_output(output), problems)
     if picture is not None:
-        tried(lambda: refuse_folder(Path(picture)), problems)
+        tried(lambda: refuse_pictures(Path(picture), PICTURES, "picture"), problems)
     if not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as presses.npz"))
     if not kits:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from operator import not_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -41,22 +42,12 @@ class _TapeOption(click.Option):
         self.read = read
 
 
-def _same(text: str) -> str:
-    return text
-
-
-def _off(given: bool) -> bool:
-    return not given
-
-
 TAPE_OPTIONS = (
     _TapeOption("--sector", "sector", number, "N", "Sector of the code that the tape shows. Required."),
     _TapeOption("--w", "pitch_mm", length, "MM", "Grid pitch W.  [default: 1.5]"),
     _TapeOption("--delta", "displacement_mm", length, "MM", "Displacement Δ of each part.  [default: W/6]"),
     _TapeOption("--size", "size_mm", size, "WxH", "Outline, mm.  [default: 100x50]"),
-    _TapeOption(
-        "--code", "code", _same, "NAME", "microdots-4x4 (default), debruijn-4x4, anoto-6x6, trace-22, touch-1 or touch-2."
-    ),
+    _TapeOption("--code", "code", str, "NAME", "microdots-4x4 (default), debruijn-4x4, anoto-6x6, trace-22, touch-1 or touch-2."),
     _TapeOption(
         "--directions",
         "directions",
@@ -71,78 +62,78 @@ TAPE_OPTIONS = (
         "COL,ROW|best",
         "Place of grid point 0,0 in the code plane, or search for the best.  [default: the sector's]",
     ),
-    _TapeOption("--tag", "tag", _same, "strip|none", "Strip with AprilTag and label, or none.  [default: strip]"),
+    _TapeOption("--tag", "tag", str, "strip|none", "Strip with AprilTag and label, or none.  [default: strip]"),
     _TapeOption("--tag-id", "tag_id", number, "ID", "Id of the AprilTag.  [default: the sector]"),
     _TapeOption("--tag-cell", "tag_cell_mm", length, "MM", "Side of a cell of the AprilTag.  [default: 0.5]"),
     _TapeOption(
         "--part",
         "part",
-        _same,
+        str,
         "NAME",
         "Part profile, or a .toml file; block, dome, cone are for printing and milling.  [default: r0201]",
     ),
     _TapeOption("--body", "body_mm", size, "LxWxH", "Size of block, dome or cone; of the round ones DxH."),
     _TapeOption("--dome-top", "dome_top_mm", length, "MM", "Diameter of a dome's flat top."),
     _TapeOption("--rotation", "rotation_deg", degrees, "DEG", "Rotation of every part.  [default: 45]"),
-    _TapeOption("--fab", "fab", _same, "PROFILE", "Fab profile, or a .toml file.  [default: generic-fpc]"),
+    _TapeOption("--fab", "fab", str, "PROFILE", "Fab profile, or a .toml file.  [default: generic-fpc]"),
     _TapeOption(
         "--process",
         "process",
-        _same,
+        str,
         "sla|fdm|cnc",
         "How the models are made, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
     ),
     _TapeOption(
         "--assembly",
         "assembly",
-        _same,
+        str,
         "HOUSE",
         "Format of CPL and BOM: generic, jlcpcb, pcbway, eurocircuits, macrofab or kicad.  [default: the profile's]",
     ),
     _TapeOption(
         "--part-number",
         "part_number",
-        _same,
+        str,
         "NUMBER",
         "The part's number in the BOM, as that house takes it.  [default: the part profile's, or none]",
     ),
-    _TapeOption("--x2", "x2", _same, "full|comments|off", "Gerber attributes.  [default: the profile's]"),
+    _TapeOption("--x2", "x2", str, "full|comments|off", "Gerber attributes.  [default: the profile's]"),
     _TapeOption("--corner-radius", "corner_radius_mm", length, "MM", "Corner radius of the outline.  [default: 1]"),
     _TapeOption(
         "--coverlay",
         "coverlay",
-        _same,
+        str,
         "per-part|lpi|gang",
         "How the coverlay is opened.  [default: the profile's first way that is legal]",
     ),
-    _TapeOption("--anchor", "anchor", _same, "none|spur|mesh", "Copper that holds pads under it.  [default: none]"),
-    _TapeOption("--stiffener", "stiffener", _same, "MATERIAL:MM", "Laminate a stiffener, such as FR4:0.2."),
-    _TapeOption("--adhesive", "adhesive", _same, "MATERIAL:MM", "Laminate an adhesive tape, such as 3M468:0.13."),
-    _TapeOption("--bend-axis", "bend_axis", _same, "x|y", "Board axis that goes round where the tape is bent."),
+    _TapeOption("--anchor", "anchor", str, "none|spur|mesh", "Copper that holds pads under it.  [default: none]"),
+    _TapeOption("--stiffener", "stiffener", str, "MATERIAL:MM", "Laminate a stiffener, such as FR4:0.2."),
+    _TapeOption("--adhesive", "adhesive", str, "MATERIAL:MM", "Laminate an adhesive tape, such as 3M468:0.13."),
+    _TapeOption("--bend-axis", "bend_axis", str, "x|y", "Board axis that goes round where the tape is bent."),
     _TapeOption("--bend-radius", "bend_radius_mm", length, "MM", "Radius that the tape is bent to."),
     _TapeOption("--hole", "holes_mm", holes, "X,Y,D", "Unplated hole, mm; may be repeated.", multiple=True),
-    _TapeOption("--name", "name", _same, "NAME", "Name of the tape and its files.  [default: tactape-s007 for sector 7]"),
+    _TapeOption("--name", "name", str, "NAME", "Name of the tape and its files.  [default: tactape-s007 for sector 7]"),
     _TapeOption("--base", "base_mm", length, "MM", "Base of the solid models.  [default: 0.8]"),
     _TapeOption("--negative", "negative", bool, None, "Solid models of the mould, whose cast is the texture.", is_flag=True),
-    _TapeOption("--top", "top", _same, "tiles|single", "Top face in the STEP solid.  [default: tiles]"),
+    _TapeOption("--top", "top", str, "tiles|single", "Top face in the STEP solid.  [default: tiles]"),
     _TapeOption("--cylinder", "cylinder_mm", length, "R", "Wrap the solid models round a radius, mm."),
-    _TapeOption("--around", "around", _same, "x|y", "Board axis that goes round the cylinder.  [default: x]"),
-    _TapeOption("--shell", "shell", _same, "segment|whole", "Base of a cylinder: the tape's, or closed.  [default: segment]"),
-    _TapeOption("--no-3d", "models", _off, None, "Leave the 3D models out.", is_flag=True),
-    _TapeOption("--no-mark", "mark", _off, None, "Leave sector and arrow out of the back of block, dome and cone.", is_flag=True),
+    _TapeOption("--around", "around", str, "x|y", "Board axis that goes round the cylinder.  [default: x]"),
+    _TapeOption("--shell", "shell", str, "segment|whole", "Base of a cylinder: the tape's, or closed.  [default: segment]"),
+    _TapeOption("--no-3d", "models", not_, None, "Leave the 3D models out.", is_flag=True),
+    _TapeOption("--no-mark", "mark", not_, None, "Leave sector and arrow out of the back of block, dome and cone.", is_flag=True),
     _TapeOption("--sim", "sim", bool, None, "Add assets for simulators: MJCF, URDF, USD, glTF, a heightfield.", is_flag=True),
 )
 
 
 PANEL_OPTIONS = (
     _TapeOption(
-        "--panel", "panel", _same, "auto|CxR|none", "Put tapes on a panel, C columns and R rows.  [default: the profile's]"
+        "--panel", "panel", str, "auto|CxR|none", "Put tapes on a panel, C columns and R rows.  [default: the profile's]"
     ),
-    _TapeOption("--sectors", "sectors", _same, "LIST", "Sectors of a panel's tapes, such as 7,8,20-23."),
+    _TapeOption("--sectors", "sectors", str, "LIST", "Sectors of a panel's tapes, such as 7,8,20-23."),
     _TapeOption(
         "--same-sector", "same_sector", bool, None, "All tapes of a panel show the sector: copies, not told apart.", is_flag=True
     ),
-    _TapeOption("--tabs", "tabs", _same, "auto|x|y|xy", "Sides by which a panel holds its tapes.  [default: those with room]"),
+    _TapeOption("--tabs", "tabs", str, "auto|x|y|xy", "Sides by which a panel holds its tapes.  [default: those with room]"),
 )
 """Options of a panel of tapes."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from importlib import import_module
 
 import click
 from click.shell_completion import CompletionItem, get_completion_class
@@ -39,22 +40,8 @@ def _profiles(kind: str) -> Callable[[], Sequence[str]]:
     return names
 
 
-def _codes() -> Sequence[str]:
-    from tactape_fab.texture.code import ALL_CODE_NAMES
-
-    return ALL_CODE_NAMES
-
-
-def _plane_codes() -> Sequence[str]:
-    from tactape_fab.texture.code import CODE_NAMES
-
-    return CODE_NAMES
-
-
-def _houses() -> Sequence[str]:
-    from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
-
-    return ASSEMBLY_FORMATS
+def _constant(module: str, name: str) -> Callable[[], Sequence[str]]:
+    return lambda: getattr(import_module(f"tactape_fab.texture.{module}"), name)
 
 
 NAMES: dict[tuple[str, str], Callable[[], Sequence[str]]] = {
@@ -64,9 +51,9 @@ NAMES: dict[tuple[str, str], Callable[[], Sequence[str]]] = {
     ("process", "sla|fdm|cnc"): _profiles("processes"),
     ("sensor", "NAME"): _profiles("sensors"),
     ("sensor", "NAME|FILE.toml"): _profiles("sensors"),
-    ("code", "NAME"): _codes,
-    ("code", "CODE"): _plane_codes,
-    ("assembly", "HOUSE"): _houses,
+    ("code", "NAME"): _constant("code", "ALL_CODE_NAMES"),
+    ("code", "CODE"): _constant("code", "CODE_NAMES"),
+    ("assembly", "HOUSE"): _constant("cpl", "ASSEMBLY_FORMATS"),
 }
 """Known names by a parameter's key and metavar; CODE lists codes with a plane. Profiles may also be files."""
 

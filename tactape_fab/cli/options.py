@@ -143,11 +143,6 @@ def locating_options(command: F, sensor: Callable[[Any], Any] = _SENSOR) -> F:
     return command
 
 
-def locating_options_of_several(command: F) -> F:
-    """The same, with several sensors."""
-    return locating_options(command, SENSORS)
-
-
 def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of a job (`sense.files.jobs.prepare`) from option texts; None for an option that is not given."""
     names = ("as_built", "code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale", "refine")

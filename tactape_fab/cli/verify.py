@@ -20,7 +20,7 @@ _STAND_IN = (
 )
 
 if TYPE_CHECKING:
-    from tactape_fab.base.errors import Check, refuse
+    from tactape_fab.base.errors import Check
     from tactape_fab.verify import Verification
     from tactape_fab.verify.verification import Said
 

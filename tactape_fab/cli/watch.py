@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Event
 from time import perf_counter
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.cli.exits import FAILED, answers, with_options
-from tactape_fab.cli.options import hertz, locating_options_of_several, locating_values, named_object, number, pair, seconds
+from tactape_fab.cli.options import SENSORS, hertz, locating_options, locating_values, named_object, number, pair, seconds
 from tactape_fab.cli.printing import clear_step, echo_lines_err
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ Output = Callable[["Located", str], bool]
 @click.command()
 @click.argument("source", required=False)
 @click.argument("more", nargs=-1, metavar="")
-@locating_options_of_several
+@partial(locating_options, sensor=SENSORS)
 @click.option("--rate", multiple=True, metavar="HZ|max", help="Rate of a file of frames.  [default: its timestamps', or 25]")
 @click.option("--idle", metavar="S", help="End when a folder has had no new file for so long.  [default: never]")
 @click.option("--count", metavar="N", help="End after so many answers.  [default: never]")
@@ -170,9 +171,9 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
 
 def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, Any]) -> tuple[int | None, list[Watch]]:
     """Number of answers after which to end (None: no end), and the opened sources with their jobs."""
-    from tactape_fab.base.errors import SpecError, refuse, tried
+    from tactape_fab.base.errors import Problem, SpecError, refuse, tried
     from tactape_fab.base.fields import Fields, shown
-    from tactape_fab.sense.live.extras import missing_extra
+    from tactape_fab.base.libraries import missing
     from tactape_fab.sense.live.messages import FRAME_BY_NAME
     from tactape_fab.sense.live.opening import open_watches
     from tactape_fab.texture.registry import refuse_equal_names
@@ -190,7 +191,10 @@ def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, A
         table.problem("sensor-frame", "--sensor-frame is for one sensor; of several, each has its name as frame; leave it out")
     if wanted[0].name and (given["rerun"] or given["save"] is not None):
         table.problem("rerun", "--rerun and --save show one sensor; leave them out, or watch that one by itself")
-    problems = [*table.problems, *missing_extra([name for name in ("mcap", "rerun", "save", "zenoh") if given[name]])]
+    problems = table.problems
+    for option, module in {"mcap": "mcap", "rerun": "rerun", "save": "rerun", "zenoh": "zenoh"}.items():
+        if given[option] and find_spec(module) is None:
+            problems.append(Problem(option, missing(module, f"--{option}")))
     written = (("mcap", ".mcap", given["mcap"]), ("save", ".rrd", given["save"]))
     try:
         watches = open_watches(wanted, kits, written, **locating_values(given))

@@ -108,11 +108,6 @@ def _edge_problems(tape: Tape, form: SolidForm) -> Iterator[Problem]:
         )
 
 
-def arc_length_mm(tape: Tape, cylinder: Cylinder) -> float:
-    """Length of the board along the axis that becomes arc length."""
-    return tape.board.size_mm[0 if cylinder.around == "x" else 1]
-
-
 def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Iterator[Problem]:
     radius_mm, axis = cylinder.radius_mm, 0 if cylinder.around == "x" else 1
     # a radius of twice the reach or more keeps the surface under a foot within some 30 deg of its tangent plane: t / R <= 1 / 2
@@ -126,7 +121,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
             f"{form.base_mm:g} mm needs; use a larger --cylinder or a thinner --base",
         )
         return
-    length_mm = arc_length_mm(tape, cylinder)
+    length_mm = tape.board.size_mm[0 if cylinder.around == "x" else 1]  # which becomes arc length
     longest_mm = cylinder.circumference_mm - (LEAST_SLIT_MM if cylinder.shell == "segment" else 0.0)
     if length_mm > cylinder.circumference_mm:
         yield Problem(

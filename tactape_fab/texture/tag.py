@@ -21,12 +21,9 @@ def tag_cells(tag_id: int) -> BoolArray:
 
     tag_id: 0 ... 586.
     Returns (10, 10): True where light; row 0 is the top.
-
-    Notes
-    -----
-    The codes come from OpenCV's dictionary, which holds each tag turned by 180 degrees against AprilRobotics' own.
     """
     aruco = library("cv2", "drawing an AprilTag").aruco
     dictionary = aruco.getPredefinedDictionary(aruco.DICT_APRILTAG_36h11)
+    # it holds each tag turned by 180 degrees against AprilRobotics' own
     upright = aruco.generateImageMarker(dictionary, tag_id, CODE_CELLS)[::-1, ::-1]
     return np.pad(upright > 127, RING_CELLS, constant_values=True)

@@ -156,11 +156,8 @@ def _tightest(sizes_mm: Sequence[tuple[float, float]], fab: FabProfile) -> Packi
         if high <= max(width_mm, room_mm[1]):
             tried.append(pack(sizes_mm, (width_mm, room_mm[1]), gap_mm))
     # the order and rule that filled this sheet in `pack_panels` fill it again, so the first try has one sheet at least
-    return min((packing for packing in tried if packing.sheets == 1), key=lambda packing: _area_and_side(_panel_mm(packing, fab)))
-
-
-def _area_and_side(size_mm: tuple[float, float]) -> tuple[float, float]:
-    return round(size_mm[0] * size_mm[1], 3), max(size_mm)
+    sizes = {k: _panel_mm(packing, fab) for k, packing in enumerate(tried) if packing.sheets == 1}
+    return tried[min(sizes, key=lambda k: (round(sizes[k][0] * sizes[k][1], 3), max(sizes[k])))]
 
 
 def _whole(lengths_mm: FloatArray) -> IntArray:

@@ -239,21 +239,15 @@ def wider_words(spec: TapeSpec, fab: FabProfile, part: PartProfile, rule: str) -
 def opening_words(spec: TapeSpec, fab: FabProfile, limit_mm: float) -> str:
     """Remedy of openings that are too small: one for all parts, or larger parts."""
     other = part_words(spec, fab, lambda part: min(opening_size_mm(part, fab)) >= limit_mm, "with wider pads")
-    return f"use --coverlay gang, or {other.removeprefix('use ')}" if _may_gang(spec, fab) else other
-
-
-def _may_gang(spec: TapeSpec, fab: FabProfile) -> bool:
-    return "gang" in fab.coverlay_modes and spec.anchor == "none"
+    may_gang = "gang" in fab.coverlay_modes and spec.anchor == "none"
+    return f"use --coverlay gang, or {other.removeprefix('use ')}" if may_gang else other
 
 
 def part_words(spec: TapeSpec, fab: FabProfile, fits: Callable[[PartProfile], bool], which: str) -> str:
     """Remedy with the smallest shipped part that fits, at a W and Δ at which its rules hold."""
+    rules = [] if fab.coverlay_mode == "gang" else ["opening-bridge"]
     for part in film_parts(lambda part: part.name != spec.part and fits(part)):
-        options = film_remedy(spec, fab, part, _bridge(fab)).options()
+        options = film_remedy(spec, fab, part, rules).options()
         if options is not None:
             return f"use --part {part.name} {options}".rstrip()
     return f"ask the fab, or write a profile of a part {which}"
-
-
-def _bridge(fab: FabProfile) -> list[str]:
-    return [] if fab.coverlay_mode == "gang" else ["opening-bridge"]

@@ -130,15 +130,10 @@ def _size(table: Fields, part: ElementProfile) -> tuple[float, float, float]:
         remedy=f"give {words[0]} in mm, each at most {LARGEST_BODY_MM:g}, or {words[1]} in TOML and Python",
         default=part.body_mm,
     )
-    if once:
-        _drop_twin(table)
+    if once:  # a diameter that was given once is refused once
+        table.problems[:] = [p for p in table.problems if p.key != "body_mm[1]"]
     length_mm, width_mm, height_mm = (float(snap_mm(value)) for value in size)
     return length_mm, width_mm, height_mm
-
-
-def _drop_twin(table: Fields) -> None:
-    """Problems without repetition: a diameter that was given once is refused once."""
-    table.problems[:] = [p for p in table.problems if p.key != "body_mm[1]"]
 
 
 def _base(table: Fields) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
-from tactape_fab.base.input_file import open_regular, read_regular
+from tactape_fab.base.input_file import begins_with, open_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.sense.sensors import MOST_FRAMES
 from tactape_fab.texture.frames import FloatArray
@@ -25,8 +25,7 @@ FARTHEST_MM, MOST_SECTOR = 1e7, 10**9
 
 def is_answers(path: Path) -> bool:
     """Whether a file begins as one of answers does. Raises OSError."""
-    first = json.dumps({"format": FORMAT})[:-1].encode()
-    return read_regular(path, len(first)).startswith(first)
+    return begins_with(path, json.dumps({"format": FORMAT})[:-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

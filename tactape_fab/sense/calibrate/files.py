@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import partial
 from math import isfinite
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
-from tactape_fab.base.input_file import mode_of, read_regular
+from tactape_fab.base.input_file import begins_with, mode_of
 from tactape_fab.base.libraries import library
 from tactape_fab.base.output_file import refuse_taken_place, unfinished
 from tactape_fab.base.plain_text import toml_string
@@ -32,7 +33,7 @@ def checked_output(output: str | Path) -> Path:
     path = Path(output)
     if path.suffix != ".toml":
         raise SpecError(Problem("output", f"output = {shown_path(path)} is no .toml file; name it my-sensor.toml"))
-    refuse_taken_place(path, "output", ours=_is_calibrated, kind="no calibrated profile")
+    refuse_taken_place(path, "output", ours=partial(begins_with, mark=MARK), kind="no calibrated profile")
     if mode_of(path) is None:  # what stands beside a calibrated profile belongs to it
         for beside in _beside(path):
             refuse_taken_place(beside, "output")
@@ -42,10 +43,6 @@ def checked_output(output: str | Path) -> Path:
 def _beside(path: Path) -> tuple[Path, Path]:
     """The mask and the hand-eye answer of a profile."""
     return path.with_name(f"{path.stem}-mask.png"), path.with_name(f"{path.stem}-hand-eye.json")
-
-
-def _is_calibrated(path: Path) -> bool:
-    return read_regular(path, len(MARK))[: len(MARK)] == MARK.encode()
 
 
 def write_profile(path: Path, found: Calibration) -> list[Path]:

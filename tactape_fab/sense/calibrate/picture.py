@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.libraries import library
-from tactape_fab.base.picture_file import refuse_pictures, write_picture
+from tactape_fab.base.picture_file import write_picture
 from tactape_fab.sense.calibrate.posedness import empty_corners
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.texture.frames import FloatArray
@@ -17,7 +17,7 @@ Picture = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 WIDTH_PX, WORDS_PX, MARGIN_PX = 960, 64, 16
-_NAMES = ("coverage.png", "residuals.png")
+PICTURES = ("coverage.png", "residuals.png")
 CELLS = 8
 """Cells along the image's width in which residuals are averaged."""
 _BACK, _BLIND, _LINE, _TEXT = (36, 36, 36), (70, 60, 60), (95, 95, 95), (255, 255, 255)
@@ -26,14 +26,9 @@ _LENGTHS_UM = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 _COLOURS = ((240, 190, 90), (110, 220, 130), (60, 230, 245), (50, 110, 245), (215, 150, 225), (230, 230, 230))
 
 
-def refuse_folder(folder: Path) -> None:
-    """Refuse a folder that cannot take the pictures. Raises SpecError."""
-    refuse_pictures(folder, _NAMES, "picture")
-
-
 def write_pictures(folder: Path, found: Calibration) -> list[Path]:
     """Write coverage.png and residuals.png. Raises TactapeError."""
-    paths = [folder / name for name in _NAMES]
+    paths = [folder / name for name in PICTURES]
     for path, picture in zip(paths, (draw_coverage(found), draw_residuals(found)), strict=True):
         write_picture(path, picture, "picture")
     return paths

@@ -20,6 +20,7 @@ from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.sense.geometry import is_rotation
+from tactape_fab.sense.objects.rigid import from_quaternion
 from tactape_fab.texture.frames import FloatArray
 
 COLUMNS = ("frame", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
@@ -108,14 +109,11 @@ def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> lis
     except csv.Error as error:
         problems.append(Problem(key, f"{key} = {shown_path(path)} is no CSV: {error}"))
     if not found and not problems:
-        problems.append(Problem(key, f"{key} = {shown_path(path)} has no row; give a row a frame, or leave out --{_option(key)}"))
+        option = key.replace("_", "-")
+        problems.append(Problem(key, f"{key} = {shown_path(path)} has no row; give a row a frame, or leave out --{option}"))
     if problems:
         raise SpecError(problems[:MOST_PROBLEMS])
     return list(found.values())
-
-
-def _option(key: str) -> str:
-    return key.replace("_", "-")
 
 
 def _bytes_of(path: str | Path, key: str, remedy: str) -> bytes:
@@ -165,17 +163,9 @@ def _pose(row: Mapping[str, str], whole: bool, frames: int | None) -> tuple[list
     if faults:
         return faults, None
     matrix = np.eye(4)
-    # rounded quaternions are not quite of length 1; a matrix of one would be no rotation
-    matrix[:3, :3], matrix[:3, 3] = rotation(turn / length), [values[name] for name in COLUMNS[1:4]]
+    # qw comes last there
+    matrix[:3, :3], matrix[:3, 3] = from_quaternion(np.roll(turn, -1)), [values[name] for name in COLUMNS[1:4]]
     return [], ArmPose(frame=int(frame), flange_to_base=matrix, sigma_mm=values["sigma_mm"], sigma_deg=values["sigma_deg"])
-
-
-def rotation(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrix of a unit quaternion qw, qx, qy, qz; the robot's half has no scipy."""
-    w, v = float(quaternion[0]), np.asarray(quaternion[1:], dtype=np.float64)
-    across = np.array([(0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0)])
-    # R x = (w^2 - v.v) x + 2 (v.x) v + 2 w v x x, with `across` the matrix of the cross product
-    return (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * across
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -136,7 +136,8 @@ def simulate_file(
     assert how is not None and profile is not None and tape is not None and path is not None
     poses = None if at is None else np.tile(at, (frames_count, 1))
     frames = iterate_frames(tape, frames_count, whole_seed, profile, how, poses=poses, edge=edge, parts=parts)
-    record = _record(tape, profile, how, {"seed": whole_seed, "edge": edge, "from_cpl": source == "cpl"})
+    record: dict[str, Any] = {"tape": tape.name, "sector": tape.sector, "sensor": profile.name}
+    record |= {"seed": whole_seed, "edge": edge, "from_cpl": source == "cpl", "scene": how.to_mapping()}
     if tape.as_built is not None:
         record["as_built"] = tape.as_built.manifest_sha256
     write_frames(path, _shown(frames, frames_count, progress), frames_count, profile, record)
@@ -156,7 +157,11 @@ def _scene(options: Mapping[str, Any]) -> Scene:
     chosen = model.text("contact_model", choices=_CONTACT_MODELS)
     if chosen == "elastic":
         return _elastic_scene(options)
-    model.problems += [_only_elastic(name) for name in options if name in _ELASTIC_KEYS and chosen]
+    model.problems += [
+        Problem(name, f"{name.replace('_', '-')} belongs to an elastic contact; add --contact-model elastic")
+        for name in options
+        if name in _ELASTIC_KEYS and chosen
+    ]
     values = {_SCENE_KEYS[name]: value for name, value in options.items() if name in _SCENE_KEYS}
     # a wrapped tape touches along a strip
     if "cylinder" in options:
@@ -178,10 +183,6 @@ def _scene_of(values: Mapping[str, Any], elastic: ElasticContact | None = None) 
         return Scene(**values, elastic=elastic)
     except SpecError as error:
         raise SpecError([_of_option(problem, _SCENE_KEYS) for problem in error.problems]) from None
-
-
-def _only_elastic(name: str) -> Problem:
-    return Problem(name, f"{name.replace('_', '-')} belongs to an elastic contact; add --contact-model elastic")
 
 
 def _elastic_scene(options: Mapping[str, Any]) -> Scene:
@@ -237,10 +238,6 @@ def _written_parts(tape: Tape, kit: str | Path) -> Parts:
     if path is None:
         raise SpecError(Problem("cpl", f"the kit of {file} has no pick-and-place file; leave out --from-cpl"))
     return parts_from_cpl(file.parent / path, tape.designators())
-
-
-def _record(tape: Tape, profile: SensorProfile, scene: Scene, run: Mapping[str, Any]) -> dict[str, Any]:
-    return {"tape": tape.name, "sector": tape.sector, "sensor": profile.name, **run, "scene": scene.to_mapping()}
 
 
 def _shown(frames: Iterator[Frame], count: int, progress: Progress) -> Iterator[Frame]:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown_path
-from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.input_file import begins_with
 from tactape_fab.base.output_file import refuse_taken_place, write_file
-from tactape_fab.sense.inspect.complaint import HEADER, complaint_csv
 from tactape_fab.sense.inspect.result import Inspection
 from tactape_fab.texture.as_built import refuse_other_kit, refuse_other_places
+
+HEADER = "Tape,Designator,Deviation,Mid X,Mid Y,Shift X,Shift Y,Turn,Value,Limit,Unit"
 
 
 def check_output(output: Path) -> None:
@@ -35,17 +36,9 @@ def _refuse_other(places: Sequence[Path], table: Path) -> None:
     for path in places:
         tried(partial(refuse_other_places, path, "output"), problems)
     if not problems:
-        tried(
-            partial(
-                refuse_taken_place, table, "output", ours=_is_table, kind="no list of deviations, which stands beside the places"
-            ),
-            problems,
-        )
+        ours, kind = partial(begins_with, mark=HEADER), "no list of deviations, which stands beside the places"
+        tried(partial(refuse_taken_place, table, "output", ours=ours, kind=kind), problems)
     refuse(problems)
-
-
-def _is_table(path: Path) -> bool:
-    return read_regular(path, len(HEADER))[: len(HEADER)] == HEADER.encode("ascii")
 
 
 def output_paths(output: Path, inspections: Sequence[Inspection]) -> list[Path]:
@@ -69,3 +62,21 @@ def write_outputs(paths: Sequence[Path], inspections: Sequence[Inspection]) -> l
     written = [inspection.as_built().write(path) for path, inspection in zip(paths, inspections, strict=True)]
     write_file(table, complaint_csv(inspections).encode("utf-8"), "o", overwrite=True)
     return [*written, table]
+
+
+def complaint_csv(inspections: Sequence[Inspection]) -> str:
+    """Rows of all tapes: nominal places and shifts in mm (board frame), turns in degrees counter-clockwise."""
+    lines = [HEADER]
+    for inspection in inspections:
+        number = {name: i for i, name in enumerate(inspection.tape.designators())}
+        for d in inspection.deviations():
+            i = number.get(d.designator)
+            measured = ["", "", ""]
+            if i is not None and inspection.present[i]:
+                dx, dy = inspection.shift_mm[i]
+                measured = [f"{dx:.4f}", f"{dy:.4f}", f"{inspection.turn_deg[i]:.2f}"]
+            value = "" if d.value is None else f"{d.value:.4f}"
+            limit = "" if d.limit is None else f"{d.limit:g}"
+            cells = [inspection.tape.name, d.designator, d.kind, f"{d.at_mm[0]:.4f}", f"{d.at_mm[1]:.4f}", *measured]
+            lines.append(",".join([*cells, value, limit, d.unit]))
+    return "\n".join(lines) + "\n"

@@ -16,7 +16,7 @@ from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.sense.decode.result import refuse_no_answer
 from tactape_fab.sense.live.counts import Tally
-from tactape_fab.sense.live.opening import Wishes, open_watch
+from tactape_fab.sense.live.opening import Wanted, Wishes, open_watches
 from tactape_fab.sense.live.watch import watch
 from tactape_fab.texture.registry import refuse_equal_names
 from tactape_fab.texture.tape import refuse_no_tapes
@@ -80,7 +80,8 @@ class LiveSensor:
         refuse_other(raw, bool, "raw", "bool", "True or False")
         sensor = str(as_path(sensor, "sensor", "the name of a profile or a .toml file"))
         paths = [str(as_path(kit, "kits", "the paths of kits")) for kit in given]
-        self._watched = open_watch(source, paths, sensor, wishes, (), world=world, max_p_false=max_p_false)
+        wanted = Wanted(sensor=sensor, source=source, wishes=wishes)
+        (self._watched,) = open_watches([wanted], paths, (), world=world, max_p_false=max_p_false)
         self._latest: Located | None = None
         self._came_s, self._troubles = 0.0, list[str]()
         self._changed, self._stop, self._tally = Condition(), Event(), Tally()

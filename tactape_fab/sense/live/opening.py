@@ -62,11 +62,6 @@ class Wanted:
 Outputs = Sequence[tuple[str, str, str | None]]
 
 
-def open_watch(source: str, kits: Sequence[str], sensor: str, wishes: Wishes, outputs: Outputs, **options: Any) -> Watch:
-    """Open a source, and read the tapes and the sensor: `open_watches` of one."""
-    return open_watches([Wanted(sensor=sensor, source=source, wishes=wishes)], kits, outputs, **options)[0]
-
-
 def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs, **options: Any) -> list[Watch]:
     """Open the sources of sensors, and read the tapes, once for all of them, and the sensors.
 

@@ -29,18 +29,12 @@ there are three and more."""
 class SeenDots:
     """Dots with their parts.
 
-    Attributes
-    ----------
-    part : ndarray of int, shape (n,)
-        Index of each dot's part in designator order.
-    seen_px : ndarray, shape (n, 2)
-        Where the dots are seen, canonical image, those at the rim put back.
-    own : ndarray, shape (n,)
-        Variance of a dot over that of a whole one: 1 / sqrt(weight).
-    rim_mm2 : ndarray, shape (n,)
-        Variance that the contact's rim adds.
-    pushed, pulled : ndarray, shape (n, 2)
-        What neighbours and the rim do to each, right and down, for a push and a pull of 1; see `decode.grid.posterior`.
+    part (n,): Index of each dot's part in designator order.
+    seen_px (n, 2): Where the dots are seen, canonical image, those at the rim put back.
+    own (n,): Variance of a dot over that of a whole one: 1 / sqrt(weight).
+    rim_mm2 (n,): Variance that the contact's rim adds.
+    pushed, pulled (n, 2): What neighbours and the rim do to each, right and down, for a push and a pull of 1; see
+        `decode.grid.posterior`.
     """
 
     part: IntArray
@@ -55,14 +49,9 @@ class SeenDots:
 class Contact(SeenDots):
     """A located frame of a tape, with its dots.
 
-    Attributes
-    ----------
-    frame : int
-        Its place among the frames.
-    start : ndarray, shape (3,)
-        x mm, y mm, theta rad of the decoder's answer.
-    expected : ndarray of int, shape (k,)
-        Parts amid the dots where none is seen.
+    frame: Its place among the frames.
+    start (3,): x mm, y mm, theta rad of the decoder's answer.
+    expected (k,): Parts amid the dots where none is seen.
     """
 
     frame: int

@@ -133,7 +133,9 @@ def _problems(solid: Any, fused: Any, laid: LaidOut, expected_mm3: FloatArray) -
     if abs(added - expected) > _VOLUME_ERROR * expected + _LOST * float(expected_mm3.min()):
         problems.append(f"its elements add {added:.4f} mm3 instead of {expected:.4f} mm3")
     # an element adds its own faces and a hole in the user's face, which stays one
-    faces = len(solid.faces()) + laid.tape.part_count * _faces_of(laid.tape.part)
+    part = laid.tape.part
+    shown = 5 if part.shape == "block" else 1 if part.top_mm is None else 2  # faces of an element above the surface
+    faces = len(solid.faces()) + laid.tape.part_count * shown
     if len(fused.faces()) != faces:
         problems.append(f"it has {len(fused.faces())} faces instead of {faces}")
     if not BRepCheck_Analyzer(fused.wrapped).IsValid():
@@ -193,8 +195,3 @@ def _element(part: TapePart, sink_mm: float) -> Any:
     corners = [(top, height), (0.0, height), (0.0, -sink_mm), (rim, -sink_mm), (rim, -below)]
     lines = [bd.Edge.make_line((a[0], 0, a[1]), (b[0], 0, b[1])) for a, b in pairwise(corners) if a != b]
     return bd.Solid.revolve(bd.Face(bd.Wire([flank, *lines])), 360, bd.Axis.Z)
-
-
-def _faces_of(part: TapePart) -> int:
-    """Faces of an element that show above the surface."""
-    return 5 if part.shape == "block" else 1 if part.top_mm is None else 2

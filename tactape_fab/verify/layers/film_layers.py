@@ -20,6 +20,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.lands import outlines_apart_mm
+from tactape_fab.verify.layers.written_form import segments
 
 TOLERANCE_MM = 0.001
 _EDGE_TOLERANCE_MM = 0.0005
@@ -93,7 +94,7 @@ def pardoned(checks: list[Check], record: FilmRecord) -> list[Check]:
 def check_anchors(copper: GerberContent, coverlay: GerberContent, plan: AnchorPlan, pads: LandPattern, tape: Tape) -> list[Check]:
     """Check that the copper's lines are these parts' anchors, clear of other pads' openings, the outline and holes."""
     expected = build_anchors(plan, tape, pads)
-    found = _segments(copper)
+    found = segments(copper.strokes_mm).reshape(-1, 2, 2)
     problems = []
     missing, strange = without_counterpart(expected.lines_mm, found), without_counterpart(found, expected.lines_mm)
     for what, lines in (("missing", missing), ("not an anchor of any part", strange)):
@@ -108,12 +109,6 @@ def check_anchors(copper: GerberContent, coverlay: GerberContent, plan: AnchorPl
     message = "; ".join(problems) or f"{len(found)} lines hold {len(expected.spurs_mm)} pads"
     checks = [Check(name="anchors", passed=not problems, message=message, figure=float(len(found)))]
     return checks if problems else [*checks, _clear_of_openings(expected, coverlay, plan), _clear_of_outline(found, plan, tape)]
-
-
-def _segments(content: GerberContent) -> FloatArray:
-    """Ends of every drawn line, mm, shape (k, 2, 2)."""
-    pieces = [np.stack([stroke[:-1], stroke[1:]], axis=1) for stroke in content.strokes_mm if len(stroke) > 1]
-    return np.concatenate(pieces) if pieces else np.empty((0, 2, 2))
 
 
 def without_counterpart(lines_mm: FloatArray, others_mm: FloatArray) -> FloatArray:

@@ -69,7 +69,7 @@ def check_order_notes(
         text = files["order-notes"].data.decode("utf-8")
     except UnicodeDecodeError as error:
         return Check(name="order-notes", passed=False, message=f"they are not UTF-8: {error.reason} at byte {error.start}")
-    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in of.size_mm)
+    width, height = map(_length, of.size_mm)
     facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
     paths = {file.path for file in files.values()}

@@ -198,11 +198,6 @@ def _step_problems(data: bytes) -> list[str]:
     return problems
 
 
-def faces_of_elements(tape: Tape) -> int:
-    """Number of faces of a solid's elements."""
-    return tape.part_count * (5 if tape.part.shape == "block" else 1 if tape.part.top_mm is None else 2)
-
-
 def _anchors(tape: Tape, data: bytes) -> FloatArray:
     """Points in a solid's text that show where elements are: corners of blocks, centres of spheres and cones, mm; (n, 3).
 
@@ -263,7 +258,8 @@ def _text_place_problems(tape: Tape, form: SolidForm, data: bytes) -> list[str]:
 def _check_solid_text(tape: Tape, form: SolidForm, data: bytes) -> Check:
     problems = _step_problems(data)
     solids, shells = data.count(b"=MANIFOLD_SOLID_BREP("), data.count(b"=CLOSED_SHELL(")
-    faces, own = data.count(b"=ADVANCED_FACE("), faces_of_elements(tape)
+    of_element = 5 if tape.part.shape == "block" else 1 if tape.part.top_mm is None else 2
+    faces, own = data.count(b"=ADVANCED_FACE("), tape.part_count * of_element
     if (solids, shells) != (1, 1):
         problems.append(f"{solids} solids of {shells} shells instead of one")
     # a base has a top, a back and a wall at least

@@ -224,12 +224,7 @@ def full_trips(
 def check_measured(tape: Tape, contact: Contact | None = None) -> Check:
     """Locate contacts of parts at their measured places by these, and by the design's: none elsewhere, no fewer, no worse.
 
-    Parameters
-    ----------
-    tape : Tape
-        With its measured places.
-    contact : Contact, optional
-        Default: that of `read_contact`.
+    contact: By default that of `read_contact`.
     """
     from tactape_fab.sense.decode.localizer import Localizer
 

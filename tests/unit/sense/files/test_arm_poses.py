@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactape_fab import SpecError
-from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye, rotation
+from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye
 
 HEADER = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz\n"
 
@@ -24,9 +24,12 @@ def test_poses_are_read_in_any_order_of_columns(tmp_path: Path) -> None:
     assert (pose.sigma_mm, pose.sigma_deg) == (0.5, 0.05)
 
 
-def test_rotations_are_those_of_scipy() -> None:
-    for q in Rotation.random(20, random_state=1).as_quat():
-        assert np.allclose(rotation(q[[3, 0, 1, 2]]), Rotation.from_quat(q).as_matrix())
+def test_rotations_are_those_of_scipy(tmp_path: Path) -> None:
+    turns = Rotation.random(20, random_state=1)
+    rows = [f"{k},1,2,3,{w},{x},{y},{z}\n" for k, (x, y, z, w) in enumerate(turns.as_quat().tolist())]
+    (tmp_path / "poses.csv").write_text(HEADER + "".join(rows))
+    poses = read_arm_poses(tmp_path / "poses.csv", "poses", 20)
+    assert np.allclose([pose.flange_to_base[:3, :3] for pose in poses], turns.as_matrix(), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

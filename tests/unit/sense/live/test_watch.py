@@ -433,7 +433,7 @@ def test_an_extra_that_is_missing_is_named(default_kit: Kit, frames: Path, monke
     def without(name: str) -> object:
         return None if name in ("mcap", "rerun") else find_spec(name)
 
-    monkeypatch.setattr("tactape_fab.sense.live.extras.find_spec", without)
+    monkeypatch.setattr("tactape_fab.cli.watch.find_spec", without)
     result = run(f"{frames} --rate 9 --tape {default_kit.path} --mcap a.mcap --rerun")
     assert result.exit_code == 2
     assert result.stderr.splitlines() == [
