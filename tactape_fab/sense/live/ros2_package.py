@@ -7,11 +7,13 @@ import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.output_file import unfinished
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.live.ros2_node import PARAMETERS
 
@@ -74,77 +76,16 @@ def package_files(name: str, parameters: Mapping[str, Any]) -> dict[str, str]:
     """Paths and contents of a package's files (ament_python, REP 149 format 3)."""
     depends = "\n".join(f"  <exec_depend>{package}</exec_depend>" for package in DEPENDENCIES)
     settings = "\n".join(f"    {key}: {json.dumps(value)}  # {MEANINGS[key]}" for key, value in parameters.items())
+    values = {"name": name, "version": __version__, "depends": depends, "settings": settings}
+    folder = templates_folder() / "ros2"
+
+    def filled(file: str) -> str:
+        return Template((folder / f"{file}.in").read_text(encoding="utf-8")).substitute(values)
+
     return {
-        "package.xml": f"""<?xml version="1.0"?>
-<package format="3">
-  <name>{name}</name>
-  <version>{__version__}</version>
-  <description>Locates contacts of a tactile sensor on tactape tapes. Needs the Python package tactape-fab</description>
-  <maintainer email="you@example.com">you</maintainer>
-  <license>MIT</license>
-
-{depends}
-
-  <export>
-    <build_type>ament_python</build_type>
-  </export>
-</package>
-""",
-        "setup.py": f"""from setuptools import setup
-
-setup(
-    name="{name}",
-    version="{__version__}",
-    packages=["{name}"],
-    data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/{name}"]),
-        ("share/{name}", ["package.xml"]),
-        ("share/{name}/launch", ["launch/tactape.launch.py"]),
-        ("share/{name}/config", ["config/tactape.yaml"]),
-    ],
-    install_requires=["setuptools"],
-    entry_points={{"console_scripts": ["node = {name}.node:main"]}},
-)
-""",
-        "setup.cfg": f"""[develop]
-script_dir=$base/lib/{name}
-[install]
-install_scripts=$base/lib/{name}
-""",
-        f"resource/{name}": "",
-        f"{name}/__init__.py": "",
-        f"{name}/node.py": """from tactape_fab.sense import run_ros2_node
-
-
-def main():
-    run_ros2_node()
-""",
-        "config/tactape.yaml": f"""tactape:
-  ros__parameters:
-{settings}
-""",
-        "launch/tactape.launch.py": f"""from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
-
-
-def generate_launch_description():
-    usual = PathJoinSubstitution([FindPackageShare("{name}"), "config", "tactape.yaml"])
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("depth", default_value="/gelsight/depth", description="topic of the depth images"),
-            DeclareLaunchArgument("config", default_value=usual, description="file of the node's parameters"),
-            Node(
-                package="{name}",
-                executable="node",
-                name="tactape",
-                parameters=[LaunchConfiguration("config")],
-                remappings=[("depth", LaunchConfiguration("depth"))],
-                output="screen",
-            ),
-        ]
-    )
-""",
+        **{file: filled(file) for file in ("package.xml", "setup.py", "setup.cfg")},
+        **dict.fromkeys((f"resource/{name}", f"{name}/__init__.py"), ""),
+        f"{name}/node.py": filled("node.py"),
+        "config/tactape.yaml": filled("tactape.yaml"),
+        "launch/tactape.launch.py": filled("tactape.launch.py"),
     }
