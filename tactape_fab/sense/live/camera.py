@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from threading import Event
 from time import monotonic, perf_counter, time
@@ -17,7 +16,7 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.live.sources import Frame, Source, Trouble
+from tactape_fab.sense.live.sources import Frame, Trouble, as_source
 
 FILMS = (".avi", ".mkv", ".mov", ".mp4")
 Crop = tuple[int, int, int, int]
@@ -31,7 +30,9 @@ _MOST_MISSES = 50
 _MISS_S = 0.02
 
 
+@as_source
 def camera_source(
+    stop: Event,
     path: Path,
     size: tuple[int, int],
     crop: Crop | None = None,
@@ -39,7 +40,7 @@ def camera_source(
     keep: bool = False,
     opened: Callable[[Path], Any] | None = None,
     clock: Callable[[], float] = time,
-) -> Source:
+) -> Iterator[Frame | Trouble]:
     """Source of a camera's images; they were taken when the driver says so, or where it does not, when they were grabbed.
 
     path: Such as /dev/video0.
@@ -48,61 +49,9 @@ def camera_source(
     opened: From a path to something like cv2.VideoCapture.
     clock: Time of a grab, s.
     """
-    return partial(_shot, path, size, crop, keep, opened or _camera, clock)
-
-
-def camera_named(name: str, devices: Path = _DEVICES) -> Path:
-    """The path of the camera whose USB name holds a text, in any case: a GelSight Mini says "GelSight Mini" and its number.
-
-    A camera has several devices (V4L2): that of its images is the one with index 0.
-
-    Raises SpecError when there is none, or more than one; those that are there are named.
-    """
-    found: dict[str, str] = {}
-    with suppress(OSError):
-        for device in sorted(devices.iterdir())[:_MOST_DEVICES]:
-            with suppress(OSError, ValueError):
-                said = read_regular(device / "name", _MOST_NAME_BYTES).decode(errors="replace").strip()
-                index = device / "index"
-                if not index.exists() or int(read_regular(index, _MOST_NAME_BYTES)) == 0:
-                    found[device.name] = said
-    fitting = [device for device, said in found.items() if name.strip() and name.strip().lower() in said.lower()]
-    if len(fitting) == 1:
-        return Path("/dev") / fitting[0]
-    there = ", ".join(f"{shown(said)} (/dev/{device})" for device, said in found.items()) or "none at all"
-    how_many = "no camera has" if not fitting else f"{len(fitting)} cameras have"
-    message = f"source {USB}{name}: {how_many} that in its name; there is: {there}; plug it in, or give more of the name"
-    raise SpecError(Problem("source", message))
-
-
-def film_source(
-    path: Path, size: tuple[int, int], crop: Crop | None = None, *, rate_hz: float | None = None, keep: bool
-) -> Source:
-    """Source of a film's images, at its own rate or another; an infinite one drops none. They were taken at the film's times."""
-    return partial(_shown, path, size, crop, rate_hz, keep or rate_hz == float("inf"))
-
-
-def _camera(path: Path) -> Any:
     cv2 = library("cv2", "reading a camera")
 
-    capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
-    # older images in a queue would be located first
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-    return capture
-
-
-def _shot(
-    path: Path,
-    size: tuple[int, int],
-    crop: Crop | None,
-    keep: bool,
-    opened: Callable[[Path], Any],
-    clock: Callable[[], float],
-    stop: Event,
-) -> Iterator[Frame | Trouble]:
-    cv2 = library("cv2", "reading a camera")
-
-    capture = opened(path)
+    capture = (opened or _camera)(path)
     try:
         if not capture.isOpened():
             remedy = "give another, or the right to read it (group video)"
@@ -129,23 +78,38 @@ def _shot(
         capture.release()
 
 
-def _taken_s(capture: Any, clock: Callable[[], float]) -> float:
-    """When the driver got the image that was grabbed; now, where it does not say so by the clock that V4L2 has.
+def camera_named(name: str, devices: Path = _DEVICES) -> Path:
+    """The path of the camera whose USB name holds a text, in any case: a GelSight Mini says "GelSight Mini" and its number.
 
-    OpenCV hands the time of the buffer on as its position; uvcvideo takes it of the monotonic clock.
+    A camera has several devices (V4L2): that of its images is the one with index 0.
+
+    Raises SpecError when there is none, or more than one; those that are there are named.
     """
-    cv2 = library("cv2", "reading a camera")
+    found: dict[str, str] = {}
+    with suppress(OSError):
+        for device in sorted(devices.iterdir())[:_MOST_DEVICES]:
+            with suppress(OSError, ValueError):
+                said = read_regular(device / "name", _MOST_NAME_BYTES).decode(errors="replace").strip()
+                index = device / "index"
+                if not index.exists() or int(read_regular(index, _MOST_NAME_BYTES)) == 0:
+                    found[device.name] = said
+    fitting = [device for device, said in found.items() if name.strip() and name.strip().lower() in said.lower()]
+    if len(fitting) == 1:
+        return Path("/dev") / fitting[0]
+    there = ", ".join(f"{shown(said)} (/dev/{device})" for device, said in found.items()) or "none at all"
+    how_many = "no camera has" if not fitting else f"{len(fitting)} cameras have"
+    message = f"source {USB}{name}: {how_many} that in its name; there is: {there}; plug it in, or give more of the name"
+    raise SpecError(Problem("source", message))
 
-    # from one clock to the other by the image's age; no plausible age, no such clock
-    now_s, age_s = clock(), monotonic() - capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-    return now_s - age_s if 0.0 <= age_s < _OLDEST_S else now_s
 
-
-def _shown(
-    path: Path, size: tuple[int, int], crop: Crop | None, rate_hz: float | None, keep: bool, stop: Event
+@as_source
+def film_source(
+    stop: Event, path: Path, size: tuple[int, int], crop: Crop | None = None, *, rate_hz: float | None = None, keep: bool
 ) -> Iterator[Frame | Trouble]:
+    """Source of a film's images, at its own rate or another; an infinite one drops none. They were taken at the film's times."""
     cv2 = library("cv2", "reading a camera")
 
+    keep = keep or rate_hz == float("inf")
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():
@@ -165,6 +129,27 @@ def _shown(
             number += 1
     finally:
         capture.release()
+
+
+def _camera(path: Path) -> Any:
+    cv2 = library("cv2", "reading a camera")
+
+    capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
+    # older images in a queue would be located first
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return capture
+
+
+def _taken_s(capture: Any, clock: Callable[[], float]) -> float:
+    """When the driver got the image that was grabbed; now, where it does not say so by the clock that V4L2 has.
+
+    OpenCV hands the time of the buffer on as its position; uvcvideo takes it of the monotonic clock.
+    """
+    cv2 = library("cv2", "reading a camera")
+
+    # from one clock to the other by the image's age; no plausible age, no such clock
+    now_s, age_s = clock(), monotonic() - capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+    return now_s - age_s if 0.0 <= age_s < _OLDEST_S else now_s
 
 
 def _frame(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from threading import Event
 from time import perf_counter, thread_time, time
@@ -17,7 +16,7 @@ from tactape_fab.base.errors import SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.files.depth_maps import open_frame_file
-from tactape_fab.sense.live.sources import Frame, Source, Trouble
+from tactape_fab.sense.live.sources import Frame, Trouble, as_source
 from tactape_fab.sense.raw.colour_images import by_number
 from tactape_fab.sense.raw.image_files import read_colour
 
@@ -50,9 +49,10 @@ class _Waiting:
     keep: bool = False
 
 
+@as_source
 def folder_source(
-    folder: Path, suffixes: Sequence[str], *, colour: bool = False, keep: bool = False, idle_s: float | None = None
-) -> Source:
+    stop: Event, folder: Path, suffixes: Sequence[str], *, colour: bool = False, keep: bool = False, idle_s: float | None = None
+) -> Iterator[Frame | Trouble]:
     """Source of a folder's files, in the order of the numbers in their names as far as they are there together.
 
     Those that are there at the start are all taken; of those that come, the latest is. A file counts when it is whole: one that
@@ -64,12 +64,6 @@ def folder_source(
     keep: Drop none of those that come, either.
     idle_s: End when no new file has come for so long; by default never.
     """
-    return partial(_watched, folder, tuple(suffixes), colour, keep, idle_s)
-
-
-def _watched(
-    folder: Path, suffixes: tuple[str, ...], colour: bool, keep: bool, idle_s: float | None, stop: Event
-) -> Iterator[Frame | Trouble]:
     taken: set[str] = set()
     waiting: dict[str, _Waiting] = {}
     number, listed_ns, listed_s = 0, -1, float("-inf")
@@ -80,7 +74,7 @@ def _watched(
         # a folder's time has its file system's grain: what comes within one tick of it does not change it again
         if changed_ns != listed_ns or time() - changed_ns / 1e9 < _TICK_S or now_s - listed_s > _LIST_S:
             listed_ns, listed_s = changed_ns, now_s
-            names = _names(folder, suffixes)
+            names = _names(folder, tuple(suffixes))
             # a name that is gone and comes again is another file
             taken &= names
             for name in names - taken - waiting.keys():

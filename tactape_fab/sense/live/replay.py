@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from threading import Event
 from time import perf_counter
 
@@ -12,7 +11,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.sense.files.depth_maps import FrameFile
-from tactape_fab.sense.live.sources import Frame, Source, Trouble
+from tactape_fab.sense.live.sources import Frame, Trouble, as_source
 
 USUAL_HZ = 25.0
 """Rate of a file without timestamps: a GelSight Mini's."""
@@ -26,44 +25,17 @@ LONG_GAP_S = 10.0
 _SECONDS = "timestamps are seconds: divide those in ms by 1e3, in ns by 1e9, or give rate=HZ, or rate='max'"
 
 
-def replay(file: FrameFile, rate_hz: float | None = None, *, keep: bool = False) -> Source:
+@as_source
+def replay(stop: Event, file: FrameFile, rate_hz: float | None = None, *, keep: bool = False) -> Iterator[Frame | Trouble]:
     """Source of a file's frames.
+
+    A frame's timestamp is the file's. Where the file has none and a finite rate is given, frame k was taken at k / rate_hz.
 
     rate_hz: By default the file's own timestamps say when, and USUAL_HZ where it has none. Infinite: as fast as they are located,
         none dropped.
     keep: Drop none, however long that takes.
-
-    Notes
-    -----
-    A frame's timestamp is the file's. Where the file has none and a finite rate is given, frame k was taken at k / rate_hz.
     """
-    return partial(_replayed, file, rate_hz, keep or rate_hz == float("inf"))
-
-
-def has_stamps(file: FrameFile, rate_hz: float | None) -> bool:
-    """Whether the frames of a replay have timestamps."""
-    return file.timestamp is not None or (rate_hz is not None and rate_hz < float("inf"))
-
-
-def refuse_no_seconds(file: FrameFile) -> None:
-    """Refuse a file whose own timestamps would have a replay wait for hours. Raises SpecError."""
-    if file.timestamp is None:
-        return
-    at = np.flatnonzero(np.isfinite(file.timestamp))
-    # a replay does not wait for a stamp before one that it has reached
-    stamps = np.maximum.accumulate(file.timestamp[at].astype(np.float64))
-    gaps = np.diff(stamps)
-    said = None
-    if (gaps > LONGEST_GAP_S).any():
-        k = int(np.argmax(gaps > LONGEST_GAP_S))
-        said = f"frame {at[k + 1]} comes {gaps[k]:g} s after frame {at[k]}, and a replay waits {LONGEST_GAP_S:g} s at most"
-    elif len(stamps) and stamps[-1] >= LAST_S:
-        said = f"a timestamp is {stamps[-1]:g} s, not below {LAST_S:g} s, the year 5138"
-    if said is not None:
-        raise SpecError(Problem("rate", f"{shown_path(file.path)}: {said}; {_SECONDS}"))
-
-
-def _replayed(file: FrameFile, rate_hz: float | None, keep: bool, stop: Event) -> Iterator[Frame | Trouble]:
+    keep = keep or rate_hz == float("inf")
     start, first = perf_counter(), None
     by_file = rate_hz is None and file.timestamp is not None
     hz = rate_hz or USUAL_HZ
@@ -89,3 +61,26 @@ def _replayed(file: FrameFile, rate_hz: float | None, keep: bool, stop: Event) -
             yield Frame(number=k, image=image, timestamp=stamp, px_per_mm=file.px_per_mm, keep=keep)
     except SpecError as error:
         yield Trouble(kind="file damaged", message=f"after {k + 1} of {file.count} frames: {error}")
+
+
+def has_stamps(file: FrameFile, rate_hz: float | None) -> bool:
+    """Whether the frames of a replay have timestamps."""
+    return file.timestamp is not None or (rate_hz is not None and rate_hz < float("inf"))
+
+
+def refuse_no_seconds(file: FrameFile) -> None:
+    """Refuse a file whose own timestamps would have a replay wait for hours. Raises SpecError."""
+    if file.timestamp is None:
+        return
+    at = np.flatnonzero(np.isfinite(file.timestamp))
+    # a replay does not wait for a stamp before one that it has reached
+    stamps = np.maximum.accumulate(file.timestamp[at].astype(np.float64))
+    gaps = np.diff(stamps)
+    said = None
+    if (gaps > LONGEST_GAP_S).any():
+        k = int(np.argmax(gaps > LONGEST_GAP_S))
+        said = f"frame {at[k + 1]} comes {gaps[k]:g} s after frame {at[k]}, and a replay waits {LONGEST_GAP_S:g} s at most"
+    elif len(stamps) and stamps[-1] >= LAST_S:
+        said = f"a timestamp is {stamps[-1]:g} s, not below {LAST_S:g} s, the year 5138"
+    if said is not None:
+        raise SpecError(Problem("rate", f"{shown_path(file.path)}: {said}; {_SECONDS}"))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
 from threading import Condition, Event
 from time import perf_counter
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 import numpy.typing as npt
 
@@ -47,6 +48,17 @@ class Trouble:
 
 Source = Callable[[Event], Iterator[Frame | Trouble]]
 """Frames in their order until there are no more, or the event is set."""
+P = ParamSpec("P")
+
+
+def as_source(read: Callable[Concatenate[Event, P], Iterator[Frame | Trouble]]) -> Callable[P, Source]:
+    """Decorator of a source's reading: called without the event, its first argument, it gives the source."""
+
+    @wraps(read)
+    def source(*args: P.args, **named: P.kwargs) -> Source:
+        return lambda stop: read(stop, *args, **named)
+
+    return source
 
 
 class Slot:

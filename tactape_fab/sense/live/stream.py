@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator
-from functools import partial
 from math import prod
 from threading import Event
 from time import time
@@ -16,7 +15,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.sense.files.depth_maps import ArrayHeader, read_array_header
-from tactape_fab.sense.live.sources import Frame, Source, Trouble
+from tactape_fab.sense.live.sources import Frame, Trouble, as_source
 
 MAGIC = b"\x93NUMPY"
 _MOST_BYTES = 256 << 20
@@ -29,7 +28,10 @@ class Readable(Protocol):
     def read(self, size: int, /) -> bytes | None: ...
 
 
-def stream_source(stream: Readable, *, keep: bool = False, clock: Callable[[], float] = time) -> Source:
+@as_source
+def stream_source(
+    stop: Event, stream: Readable, *, keep: bool = False, clock: Callable[[], float] = time
+) -> Iterator[Frame | Trouble]:
     """Source of the arrays in a stream: (h, w), or (N, h, w) as N frames.
 
     The frames of a stack are never dropped: they came at once. A single number before a frame (an array of shape ()) is its
@@ -38,7 +40,34 @@ def stream_source(stream: Readable, *, keep: bool = False, clock: Callable[[], f
     stream: Unbuffered: what `read` gives is looked at when it comes.
     keep: Let the writer wait instead of dropping frames.
     """
-    return partial(_streamed, _Bytes(stream), keep, clock)
+    source = _Bytes(stream)
+    number, said = 0, None
+    while not stop.is_set():
+        skipped = source.skip_to(MAGIC)
+        if skipped:
+            said = None  # the frame that it was of may be among them
+            yield Trouble(
+                kind="stream damaged", message=f"skipped {skipped} bytes that are not a .npy array, before frame {number}"
+            )
+        came = clock()
+        try:
+            array = _array(source)
+        except (EOFError, ValueError) as error:
+            if str(error):
+                yield Trouble(kind="stream damaged", message=f"frame {number}: {error}; looking for the next array")
+            if isinstance(error, EOFError):
+                return
+            number, said = number + 1, None
+            continue
+        if array.ndim == 0:
+            # as of a file: a float does not hold whole numbers beyond 2^53, such as ns since 1970
+            said = int(array) if array.dtype.kind in "iu" and abs(int(array)) > 2**53 else float(array)
+            continue
+        stack = array.ndim == 3
+        for image in array if stack else [array]:
+            yield Frame(number=number, image=image, timestamp=came if said is None else said, keep=keep or stack)
+            number += 1
+        said = None
 
 
 class _Bytes:
@@ -98,36 +127,6 @@ class _Bytes:
             self._ahead += piece
         del self._ahead[:at]
         return skipped + at
-
-
-def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Event) -> Iterator[Frame | Trouble]:
-    number, said = 0, None
-    while not stop.is_set():
-        skipped = source.skip_to(MAGIC)
-        if skipped:
-            said = None  # the frame that it was of may be among them
-            yield Trouble(
-                kind="stream damaged", message=f"skipped {skipped} bytes that are not a .npy array, before frame {number}"
-            )
-        came = clock()
-        try:
-            array = _array(source)
-        except (EOFError, ValueError) as error:
-            if str(error):
-                yield Trouble(kind="stream damaged", message=f"frame {number}: {error}; looking for the next array")
-            if isinstance(error, EOFError):
-                return
-            number, said = number + 1, None
-            continue
-        if array.ndim == 0:
-            # as of a file: a float does not hold whole numbers beyond 2^53, such as ns since 1970
-            said = int(array) if array.dtype.kind in "iu" and abs(int(array)) > 2**53 else float(array)
-            continue
-        stack = array.ndim == 3
-        for image in array if stack else [array]:
-            yield Frame(number=number, image=image, timestamp=came if said is None else said, keep=keep or stack)
-            number += 1
-        said = None
 
 
 def _array(source: _Bytes) -> npt.NDArray[Any]:
