@@ -14,7 +14,7 @@ from tactape_fab.kit.film.anchors import foreign_pads_mm
 from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.panel.geometry import Panel, Place
 from tactape_fab.kit.plan import TOLERANCE_MM
-from tactape_fab.kit.profiles import FabProfile, Limit, Origin, PartNumber, PartProfile, SizeLimit
+from tactape_fab.kit.profiles import FabProfile, Origin, PartNumber, PartProfile
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import outlines_at, reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
@@ -386,7 +386,7 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
 def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, ...]:
     """A question for each unconfirmed threshold that was used in a check."""
     tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
-    origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
+    origins: list[Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
     origins += [table.origin for table in tables if table is not None]
     # findings carry the source of a limit, not its date; one source may have answered at several, of several limits
     dates = {origin.source: origin.date for origin in origins}

@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.film.anchors import build_anchors
-from tactape_fab.kit.profiles import GERBER_ROLES, load_fab, material_words
+from tactape_fab.kit.profiles import GERBER_ROLES, LegendSizes, load_fab, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
 from tactape_fab.kit.read.readback import read_drill
 from tactape_fab.texture.cpl import CplContent
@@ -42,7 +42,7 @@ from tactape_fab.verify.layers.lands import (
     point_tree,
     read_recorded,
 )
-from tactape_fab.verify.layers.legend import LegendRecord, check_label, check_tag, read_legend_record
+from tactape_fab.verify.layers.legend import check_label, check_tag, read_legend_record
 from tactape_fab.verify.symbols import check_symbols
 
 FILE_FUNCTIONS = {
@@ -73,7 +73,7 @@ class FilmManifest:
     film: FilmRecord
     x2: object
     legend_is_light: bool
-    legend: LegendRecord | None
+    legend: LegendSizes | None
     order: FabOrder | None
     limits_mm: Mapping[str, object]
     paths: Mapping[str, str]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Protocol
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from tactape_fab.kit.film.label import Label, compose_label
 from tactape_fab.kit.film.tag_ink import tag_ink
 from tactape_fab.kit.outlines import PartOutlines, part_outlines
 from tactape_fab.kit.plan import TAG_KEEP_OUT_MM
-from tactape_fab.kit.profiles import FabProfile, PartProfile
+from tactape_fab.kit.profiles import FabProfile, LegendSizes, PartProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.board import Tag
 from tactape_fab.texture.code import DEFAULT_CODE
@@ -52,21 +51,6 @@ class Legend:
     strokes_mm: tuple[FloatArray, ...] = ()
     line_mm: float = 0.0
     left_out: tuple[str, ...] = ()
-
-
-class LegendSizes(Protocol):
-    """Sizes of legend print, mm: of a fab profile's `LegendRules`, or as a manifest records them."""
-
-    @property
-    def line_mm(self) -> float: ...
-    @property
-    def text_mm(self) -> float: ...
-    @property
-    def gap_mm(self) -> float: ...
-    @property
-    def bleed_mm(self) -> float: ...
-    @property
-    def edge_mm(self) -> float: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

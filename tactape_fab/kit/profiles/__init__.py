@@ -2,87 +2,48 @@
 
 from __future__ import annotations
 
-from tactape_fab.base.templates import profile_names, read_toml, templates_folder
-from tactape_fab.kit.profiles.assembly import (
-    FORMATS,
-    PART_NUMBER_PATTERN,
-    PART_NUMBER_REMEDY,
-    BomTable,
-    part_number_problem,
-)
-from tactape_fab.kit.profiles.explain import explain_fab
-from tactape_fab.kit.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, material_words
-from tactape_fab.kit.profiles.fabs import (
-    BACKING_ROLES,
-    GERBER_ROLES,
-    LIMIT_IDS,
-    X2_MODES,
-    FabProfile,
-    LegendRules,
-    Material,
-    X2Mode,
-    house_fab,
-    load_fab,
-)
-from tactape_fab.kit.profiles.limits import Limit, Origin, SizeLimit, cited
-from tactape_fab.kit.profiles.ordering import COSTS, Assumption, Ordering, PartNumber
-from tactape_fab.kit.profiles.parts import (
-    LARGEST_BODY_MM,
-    LEAST_BODY_MM,
-    ElementProfile,
-    LandPattern,
-    PartProfile,
-    element_problem,
-    load_part,
-    read_land,
-    read_part,
-)
-from tactape_fab.kit.profiles.processes import PROCESS_LIMIT_IDS, ProcessProfile, load_process
-from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
-
-__all__ = [
-    "ASSEMBLY_FORMATS",
-    "BACKING_ROLES",
-    "COSTS",
-    "COVERLAY_MODES",
-    "FORMATS",
-    "GERBER_ROLES",
-    "LARGEST_BODY_MM",
-    "LEAST_BODY_MM",
-    "LIMIT_IDS",
-    "PART_NUMBER_PATTERN",
-    "PART_NUMBER_REMEDY",
-    "PROCESS_LIMIT_IDS",
-    "X2_MODES",
-    "AnchorRules",
-    "Assumption",
-    "BomTable",
-    "CoverlayMode",
-    "ElementProfile",
-    "FabProfile",
-    "LandPattern",
-    "LegendRules",
-    "Limit",
-    "Material",
-    "Ordering",
-    "Origin",
-    "PartNumber",
-    "PartProfile",
-    "ProcessProfile",
-    "SizeLimit",
-    "X2Mode",
-    "cited",
-    "element_problem",
-    "explain_fab",
-    "house_fab",
-    "load_fab",
-    "load_part",
-    "load_process",
-    "material_words",
-    "part_number_problem",
-    "profile_names",
-    "read_land",
-    "read_part",
-    "read_toml",
-    "templates_folder",
-]
+from tactape_fab.base.templates import profile_names as profile_names
+from tactape_fab.base.templates import read_toml as read_toml
+from tactape_fab.base.templates import templates_folder as templates_folder
+from tactape_fab.kit.profiles.assembly import FORMATS as FORMATS
+from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN as PART_NUMBER_PATTERN
+from tactape_fab.kit.profiles.assembly import PART_NUMBER_REMEDY as PART_NUMBER_REMEDY
+from tactape_fab.kit.profiles.assembly import BomTable as BomTable
+from tactape_fab.kit.profiles.assembly import part_number_problem as part_number_problem
+from tactape_fab.kit.profiles.explain import explain_fab as explain_fab
+from tactape_fab.kit.profiles.fab_tables import COVERLAY_MODES as COVERLAY_MODES
+from tactape_fab.kit.profiles.fab_tables import AnchorRules as AnchorRules
+from tactape_fab.kit.profiles.fab_tables import CoverlayMode as CoverlayMode
+from tactape_fab.kit.profiles.fab_tables import material_words as material_words
+from tactape_fab.kit.profiles.fabs import BACKING_ROLES as BACKING_ROLES
+from tactape_fab.kit.profiles.fabs import GERBER_ROLES as GERBER_ROLES
+from tactape_fab.kit.profiles.fabs import LIMIT_IDS as LIMIT_IDS
+from tactape_fab.kit.profiles.fabs import X2_MODES as X2_MODES
+from tactape_fab.kit.profiles.fabs import FabProfile as FabProfile
+from tactape_fab.kit.profiles.fabs import LegendRules as LegendRules
+from tactape_fab.kit.profiles.fabs import LegendSizes as LegendSizes
+from tactape_fab.kit.profiles.fabs import Material as Material
+from tactape_fab.kit.profiles.fabs import X2Mode as X2Mode
+from tactape_fab.kit.profiles.fabs import house_fab as house_fab
+from tactape_fab.kit.profiles.fabs import load_fab as load_fab
+from tactape_fab.kit.profiles.limits import Limit as Limit
+from tactape_fab.kit.profiles.limits import Origin as Origin
+from tactape_fab.kit.profiles.limits import SizeLimit as SizeLimit
+from tactape_fab.kit.profiles.limits import cited as cited
+from tactape_fab.kit.profiles.ordering import COSTS as COSTS
+from tactape_fab.kit.profiles.ordering import Assumption as Assumption
+from tactape_fab.kit.profiles.ordering import Ordering as Ordering
+from tactape_fab.kit.profiles.ordering import PartNumber as PartNumber
+from tactape_fab.kit.profiles.parts import LARGEST_BODY_MM as LARGEST_BODY_MM
+from tactape_fab.kit.profiles.parts import LEAST_BODY_MM as LEAST_BODY_MM
+from tactape_fab.kit.profiles.parts import ElementProfile as ElementProfile
+from tactape_fab.kit.profiles.parts import LandPattern as LandPattern
+from tactape_fab.kit.profiles.parts import PartProfile as PartProfile
+from tactape_fab.kit.profiles.parts import element_problem as element_problem
+from tactape_fab.kit.profiles.parts import load_part as load_part
+from tactape_fab.kit.profiles.parts import read_land as read_land
+from tactape_fab.kit.profiles.parts import read_part as read_part
+from tactape_fab.kit.profiles.processes import PROCESS_LIMIT_IDS as PROCESS_LIMIT_IDS
+from tactape_fab.kit.profiles.processes import ProcessProfile as ProcessProfile
+from tactape_fab.kit.profiles.processes import load_process as load_process
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS as ASSEMBLY_FORMATS

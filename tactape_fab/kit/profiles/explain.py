@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from tactape_fab.kit.profiles.fabs import FabProfile
-from tactape_fab.kit.profiles.limits import Limit, Origin, SizeLimit
+from tactape_fab.kit.profiles.limits import Origin
 
 
 def explain_fab(fab: FabProfile) -> dict[str, Any]:
@@ -63,6 +63,6 @@ def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
     return rows
 
 
-def _row(name: str, value: object, unit: str, level: str, origin: Origin | Limit | SizeLimit) -> dict[str, Any]:
+def _row(name: str, value: object, unit: str, level: str, origin: Origin) -> dict[str, Any]:
     known = {"source": origin.source, "date": origin.date, "confirmed": origin.confirmed}
     return {"id": name, "value": value, "unit": unit, "level": level, **known}

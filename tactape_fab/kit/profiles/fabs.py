@@ -99,17 +99,21 @@ class Material:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LegendRules:
+class LegendSizes:
     """``line_mm`` thinnest ink line, ``text_mm`` least capital height, ``gap_mm`` least gap between inked areas,
     ``bleed_mm`` bleed of ink over an edge, ``edge_mm`` ink to outline.
     """
 
-    origin: Origin
     line_mm: float
     text_mm: float
     gap_mm: float
     bleed_mm: float
     edge_mm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LegendRules(LegendSizes):
+    origin: Origin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,32 +28,26 @@ def read_origin(table: Fields) -> Origin:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limit:
-    """One threshold of a fab, its source, and whether the fab confirmed it.
+class Limit(Origin):
+    """One threshold of a fab.
 
     A value below ``warn_mm``, if given, gives a warning.
     """
 
     value_mm: float
     level: Level
-    source: str
-    date: str
-    confirmed: bool
     warn_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SizeLimit:
+class SizeLimit(Origin):
     """The largest board, (longer side, shorter side)."""
 
     largest_mm: tuple[float, float]
     level: Level
-    source: str
-    date: str
-    confirmed: bool
 
 
-def cited(origin: Origin | Limit | SizeLimit) -> dict[str, Any]:
+def cited(origin: Origin) -> dict[str, Any]:
     """Source and confirmation of a threshold, as a `Finding` takes them."""
     return {"source": origin.source, "confirmed": origin.confirmed}
 

@@ -12,7 +12,7 @@ from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.templates import profile_names
-from tactape_fab.kit.profiles import FabProfile, load_fab
+from tactape_fab.kit.profiles import FabProfile, Material, load_fab
 from tactape_fab.verify.certificate import difference
 from tactape_fab.verify.files import WrittenFile
 
@@ -35,18 +35,13 @@ _FREE = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FabOrder:
+class FabOrder(Material):
     """The film's materials by a manifest."""
 
-    base: str
     flexible: bool
     mask: str
     coverlay_colour: str
     legend_colour: str
-    layers: int
-    thickness_mm: float
-    copper_um: float
-    finish: str
     pad_to_pad_mm: float
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from typing import Any
@@ -15,7 +14,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.layout import tape_legend
-from tactape_fab.kit.profiles.fabs import LEAST_LEGEND_MM
+from tactape_fab.kit.profiles.fabs import LEAST_LEGEND_MM, LegendSizes
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
@@ -67,25 +66,17 @@ def legend_picture(legend: GerberContent, tag: Tag, *, legend_is_light: bool) ->
     return np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LegendRecord:
-    """Sizes of legend print, mm, as a manifest records them."""
+def read_legend_record(table: Fields) -> LegendSizes | None:
+    """Sizes of print as a manifest records them; None where it has no record and names a profile of the user.
 
-    line_mm: float
-    text_mm: float
-    gap_mm: float
-    bleed_mm: float
-    edge_mm: float
-
-
-def read_legend_record(table: Fields) -> LegendRecord | None:
-    """Read it from a manifest; None where it has no record and names a profile of the user. Problems are collected in `table`."""
+    Problems are collected in `table`.
+    """
     fab = table.table("fab")
     sizes = LEAST_LEGEND_MM
     if all(f"legend_{size}" in fab.values for size in sizes):
-        return LegendRecord(**{size: fab.number(f"legend_{size}", low=low, high=10.0) for size, low in sizes.items()})
+        return LegendSizes(**{size: fab.number(f"legend_{size}", low=low, high=10.0) for size, low in sizes.items()})
     profile = known_fab(fab)
-    return None if profile is None else LegendRecord(**{size: getattr(profile.legend, size) for size in sizes})
+    return None if profile is None else profile.legend
 
 
 def inked_or_cut(
@@ -97,7 +88,7 @@ def inked_or_cut(
     return [*((line.min(axis=0), line.max(axis=0)) for line in lines), *((at - r, at + r) for at, r in circles)]
 
 
-def check_label(content: GerberContent, tape: Tape, sizes: LegendRecord | None, *, light: bool) -> Check:
+def check_label(content: GerberContent, tape: Tape, sizes: LegendSizes | None, *, light: bool) -> Check:
     """Check that the legend draws this tape's tag and label, stroke by stroke, and nothing else."""
     if sizes is None:
         message = "not compared: the manifest does not record the sizes of its fab profile's print"
