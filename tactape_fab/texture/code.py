@@ -1,4 +1,4 @@
-"""Codes of textures: the interface of a code, and all existing codes.
+"""Codes of textures: what a code has, and all existing codes.
 
 A code is an object. Differences between codes are attributes and methods; no caller tests a code's name. To add a code, add an
 object to `CODES`.
@@ -6,84 +6,39 @@ object to `CODES`.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
 from numbers import Integral
-from typing import Protocol
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
-from tactape_fab.texture.frames import SymbolArray
-from tactape_fab.texture.plane import Limits, Plane, PlaneCode
+from tactape_fab.texture.plane import Plane, PlaneCode
 from tactape_fab.texture.sequences import anoto_main, anoto_secondary, de_bruijn
 from tactape_fab.texture.touch.design import HIGHER_RUNGS, MOST_TOUCH_POINTS, RUNGS
 from tactape_fab.texture.touch.designed import DesignedCode
 from tactape_fab.texture.trace import TraceCode
 
+Code = PlaneCode | TraceCode | DesignedCode
+"""A code: what all of these have.
 
-class Code(Limits, Protocol):
-    """Interface of a code.
-
-    window: Columns and rows that a tape has at least, as well.
-    most_points: Grid points that a tape has at most.
-    directions: Allowed numbers of displacement directions.
-    plane: The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
-        its origin is (0, 0), another size gives another texture, and its symbols are stored only in the tape itself.
-    sequences: The plane, if it is made of number sequences along its axes.
-    half_turns: Whether its distances are promised to tapes whose parts show their quarter turn, as long parts do.
-    proven: Least number of bits, by shape of `touch.patches.PATCHES`, in which patches at any two places of all sectors differ,
-        the turn being known; empty where nothing is proven.
-    vouched: Proof of a tape's symbols, for messages after "symbols ...".
-    another: Option that gives a tape another texture.
-    """
-
-    @property
-    def most_points(self) -> int: ...
-    @property
-    def directions(self) -> tuple[int, ...]: ...
-    @property
-    def plane(self) -> Plane | None: ...
-    @property
-    def sequences(self) -> PlaneCode | None: ...
-    @property
-    def half_turns(self) -> bool: ...
-    @property
-    def proven(self) -> Mapping[str, int]: ...
-    @property
-    def vouched(self) -> str: ...
-    @property
-    def another(self) -> str: ...
-
-    def default_origin(self, sector: int) -> tuple[int, int]:
-        """Default (column, row) of a sector's tape."""
-
-    def symbols(
-        self,
-        sector: int,
-        origin: tuple[int, int],
-        shape: tuple[int, int],
-        avoid: Sequence[SymbolArray],
-        directions: int,
-        *,
-        half_turns: bool = False,
-    ) -> SymbolArray:
-        """Symbols of a new tape of that shape (rows, columns); a designed one differs from the symbols of other tapes.
-
-        With `half_turns` the tape's parts show a quarter turn, so that a design may ask for more between the other turns.
-        """
-
-    def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
-        """The symbols of a texture on a grid of that shape (rows, columns); equal textures share them."""
-
-    def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
-        """Key that two tapes share if no touch can tell them apart, apart from grid, pitch and displacement."""
-
-    def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
-        """Manifest entries that prove the symbols."""
-
-    def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
-        """Refuse symbols of a manifest that are not the code's at that place, or do not match their proof. Raises SpecError."""
-
+window, sectors, range: See `texture.plane.Limits`; a tape has as many columns and rows as a window at least.
+most_points: Grid points that a tape has at most.
+directions: Allowed numbers of displacement directions.
+plane: The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
+    its origin is (0, 0), another size gives another texture, and its symbols are stored only in the tape itself.
+sequences: The plane, if it is made of number sequences along its axes.
+half_turns: Whether its distances are promised to tapes whose parts show their quarter turn, as long parts do.
+proven: Least number of bits, by shape of `touch.patches.PATCHES`, in which patches at any two places of all sectors differ,
+    the turn being known; empty where nothing is proven.
+vouched: Proof of a tape's symbols, for messages after "symbols ...".
+another: Option that gives a tape another texture.
+default_origin: Default (column, row) of a sector's tape.
+symbols: Of a new tape of a shape (rows, columns); a designed one differs from those of other tapes. With `half_turns` the tape's
+    parts show a quarter turn, so that a design may ask for more between the other turns.
+extended: The symbols of a texture on a grid of a shape (rows, columns); equal textures share them.
+texture_key: Key that two tapes share if no touch can tell them apart, apart from grid, pitch and displacement.
+digest_entry: Manifest entries that prove the symbols.
+check_symbols: Refuse symbols of a manifest that are not the code's at that place, or do not match their proof.
+"""
 
 DEFAULT_CODE = "microdots-4x4"
 TOUCH_CODE = "touch-1"

@@ -96,7 +96,7 @@ class TapesOfPlane(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneCode(TapesOfPlane):
-    """A `Plane` made of number sequences along its axes. `texture.code.Code` is the interface of every code.
+    """A `Plane` made of number sequences along its axes. `texture.code.Code` says what every code has.
 
     main: The binary main sequence M; its order is the window's side.
     secondary: Sequences of order ``main.order - 1`` and pairwise coprime lengths whose digits make up the differences.

@@ -28,7 +28,7 @@ from tactape_fab.texture.windows import bit_count, windows_of
 class TraceCode(TapesOfPlane):
     """A code plane in which patches of any place differ by a proven number of bits, the turn being known.
 
-    `texture.code.Code` is the interface of every code.
+    `texture.code.Code` says what every code has.
 
     degree: m.
     polynomial: P without its highest term: bit t is the coefficient of x^t.

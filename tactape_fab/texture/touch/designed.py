@@ -16,7 +16,7 @@ from tactape_fab.texture.touch.design import Rungs, design
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignedCode:
-    """A code whose tapes are designed one by one; `texture.code.Code` is the interface of every code.
+    """A code whose tapes are designed one by one; `texture.code.Code` says what every code has.
 
     sectors: Number of designs of a size, one for each sector.
     rungs: What the designs ask for.
