@@ -127,3 +127,15 @@ def camera(px_per_mm: tuple[float, float], size_px: tuple[int, int], geometry: G
 def is_rotation(matrix: FloatArray, tolerance: float = 1e-6) -> bool:
     """Whether a matrix (3, 3) is that of a rotation, no reflection, no scale."""
     return bool(np.allclose(matrix @ matrix.T, np.eye(3), atol=tolerance) and np.linalg.det(matrix) > 0.0)
+
+
+def from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
+    """Rotation matrix of a quaternion (x, y, z, w) of any length except 0; shape (3, 3)."""
+    x, y, z, w = np.asarray(xyzw, dtype=np.float64) / np.linalg.norm(xyzw)
+    return np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+        ]
+    )

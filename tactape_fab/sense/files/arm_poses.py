@@ -19,8 +19,7 @@ from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.input_file import read_regular
-from tactape_fab.sense.geometry import is_rotation
-from tactape_fab.sense.objects.rigid import from_quaternion
+from tactape_fab.sense.geometry import from_quaternion, is_rotation
 from tactape_fab.texture.frames import FloatArray
 
 COLUMNS = ("frame", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")

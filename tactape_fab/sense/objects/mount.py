@@ -18,8 +18,8 @@ from tactape_fab.base.errors import refuse
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.sense.decode.space import Surface, image_pose
-from tactape_fab.sense.geometry import is_rotation
-from tactape_fab.sense.objects.rigid import from_quaternion, to_quaternion
+from tactape_fab.sense.geometry import from_quaternion, is_rotation
+from tactape_fab.sense.objects.rigid import to_quaternion
 from tactape_fab.texture.frames import FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape, refuse_no_tape
 

@@ -21,18 +21,6 @@ def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
     return out
 
 
-def from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
-    """Rotation matrix of a quaternion (x, y, z, w) of any length except 0; shape (3, 3)."""
-    x, y, z, w = np.asarray(xyzw, dtype=np.float64) / np.linalg.norm(xyzw)
-    return np.array(
-        [
-            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-        ]
-    )
-
-
 def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
     """The unit quaternion (x, y, z, w) of a rotation matrix, w not negative."""
     r = rotation

@@ -15,8 +15,9 @@ from tactape_fab.base.given_path import as_path
 from tactape_fab.base.templates import read_toml
 from tactape_fab.sense.decode.result import refuse_no_answer, state_of, tape_named
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
+from tactape_fab.sense.geometry import from_quaternion
 from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, texture_surface
-from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy, to_quaternion
+from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
 from tactape_fab.texture.registry import read_registered
 from tactape_fab.texture.tape import Tape

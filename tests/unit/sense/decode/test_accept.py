@@ -148,9 +148,9 @@ def test_what_measured_places_say_is_credited_against_those_that_were_not_measur
     monkeypatch: pytest.MonkeyPatch, place: Place
 ) -> None:
     weak = replace(FOUND, score=CLEAR_LN)
-    found, _ = doubted(monkeypatch, replace(place, credit=log(4.0)), weak)
-    assert found.p_place == pytest.approx(0.5 / 1.5, abs=1e-6)
-    assert found.lead == pytest.approx(1.0 + log(4.0))
+    found, _ = doubted(monkeypatch, replace(place, credit=log(2.0)), weak)
+    assert found.p_place == pytest.approx(1.0 / 2.0, abs=1e-6)
+    assert found.lead == pytest.approx(1.0 + log(2.0))
     against, _ = doubted(monkeypatch, replace(place, credit=-log(4.0)), weak)
     assert against.p_place == pytest.approx(2.0 / 3.0, abs=1e-6) and against.lead == 1.0
 
@@ -286,6 +286,7 @@ def test_measured_places_are_where_the_dots_are_and_their_drift_is_the_answer_s(
         assert np.abs(np.array(fix.contact_mm) - texture_of(TAPE)).max(axis=1).min() < 1e-9  # the nominal centre
     assert steady.covariance is not None and unsteady.covariance is not None
     np.testing.assert_allclose(unsteady.covariance - steady.covariance, np.diag([0.09, 0.09, 0.0]), atol=1e-9)
+    assert steady.covariance[2, 2] < 1e-3  # a drift turns nothing
     nominal = Localizer([TAPE], world="closed").locate_dots(xy_px)
     assert nominal.located and not is_near(nominal, *POSE, 1e-4, 1e-3)
 

@@ -14,8 +14,9 @@ from click.testing import CliRunner
 from tactape_fab import Kit, Localization, TapeSpec, make_kit, read_object
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
+from tactape_fab.sense.geometry import from_quaternion
 from tactape_fab.sense.objects.mount import Mount, sensor_on_object, to_object
-from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy, to_quaternion
+from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm
 from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 from tactape_fab.texture.frames import FloatArray
