@@ -206,8 +206,7 @@ def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> Non
     corner = 16.0 + (room - size_mm * px_per_mm) / 2
 
     def to_px(texture_mm: npt.ArrayLike) -> FloatArray:
-        px: FloatArray = (np.asarray(texture_mm) - low) * px_per_mm + corner
-        return px
+        return np.asarray((np.asarray(texture_mm) - low) * px_per_mm + corner)
 
     _outline(panel, to_px(low + size_mm * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])), _TEXT, 1)
     u, v = np.rint(to_px(placed_mm(tape))).astype(int).T

@@ -106,8 +106,7 @@ class Mark:
         loop = loop[turns != 0.0]  # simplify keeps the first point, even on a straight side
         x, y = loop.T
         positive = float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) > 0.0
-        turned: FloatArray = loop if positive == ccw else loop[::-1]
-        return turned
+        return np.asarray(loop if positive == ccw else loop[::-1])
 
 
 def mark_of(tape: Tape, form: SolidForm) -> Mark | None:

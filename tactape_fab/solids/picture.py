@@ -241,5 +241,4 @@ def _hidden(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.floa
         )
         # half a pixel more than the ray's height, lest a face shadows itself by rounding
         hidden = np.maximum(hidden, (moved - depth > samples * (0.5 + i * rise / longest)).astype(np.float32))
-    softened: npt.NDArray[np.float32] = cv2.GaussianBlur(hidden, (0, 0), 0.8)
-    return softened
+    return np.asarray(cv2.GaussianBlur(hidden, (0, 0), 0.8))

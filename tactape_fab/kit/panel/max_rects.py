@@ -20,8 +20,7 @@ _X0, _Y0, _X1, _Y1 = range(4)
 
 def short_side_fit(free: IntArray, width: int, height: int) -> IntArray:
     """The shorter of the two remainders: MAXRECTS-BSSF."""
-    left: IntArray = np.minimum(free[:, _X1] - free[:, _X0] - width, free[:, _Y1] - free[:, _Y0] - height)
-    return left
+    return np.asarray(np.minimum(free[:, _X1] - free[:, _X0] - width, free[:, _Y1] - free[:, _Y0] - height))
 
 
 def bottom_left(free: IntArray, _: int, height: int) -> IntArray:
@@ -84,5 +83,4 @@ def _without(free: IntArray, taken: IntArray) -> IntArray:
     low, high = rest[:, :2], rest[:, 2:]
     # rectangle i contains rectangle j, shape (k, k), summed over i
     holds = ((low[:, None] <= low) & (high[:, None] >= high)).all(axis=2).sum(axis=0)
-    outermost: IntArray = rest[holds == 1]  # each contains itself
-    return outermost
+    return np.asarray(rest[holds == 1])  # each contains itself

@@ -83,8 +83,7 @@ def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
 
 def _distinct(outline: FloatArray) -> FloatArray:
     """A closed outline without points that snapping laid on the one before, which would be lines of no length."""
-    distinct: FloatArray = outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)]
-    return distinct
+    return np.asarray(outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)])
 
 
 def panel_drawing(name: str, drawings: Sequence[Drawing], panel: Panel) -> Drawing:

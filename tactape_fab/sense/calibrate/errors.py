@@ -55,16 +55,14 @@ def _apart_mm2(press: Press) -> FloatArray:
     """Squared distances of the dots; shape (n, n)."""
     # distances on the tape: the gel lies on it, and a turn changes none
     apart = press.texture_mm[:, None] - press.texture_mm
-    out: FloatArray = (apart**2).sum(axis=2)
-    return out
+    return np.asarray((apart**2).sum(axis=2))
 
 
 def whitening(press: Press, errors: Errors) -> FloatArray:
     """Matrix that makes the errors of a press along an axis independent, of variance 1; shape (n, n)."""
     # V = L L^T, so that L^-1 e has the covariance L^-1 V L^-T = I
     lower = np.linalg.cholesky(covariance(press, errors))
-    out: FloatArray = solve_triangular(lower, np.eye(len(lower)), lower=True)
-    return out
+    return np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -276,8 +276,7 @@ def _hits(seen: _Seen, rotation: FloatArray, translation_mm: FloatArray) -> Floa
     """Where pixels see the tag's plane, mm from its centre (n, 2)."""
     # rays in the tag's frame: X = R^T (s ray - t), which meets z = 0 at s = -start_z / ahead_z
     ahead, start = seen.rays @ rotation, -rotation.T @ translation_mm
-    hit: FloatArray = start[:2] - (start[2] / ahead[:, 2])[:, None] * ahead[:, :2]
-    return hit
+    return np.asarray(start[:2] - (start[2] / ahead[:, 2])[:, None] * ahead[:, :2])
 
 
 def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> TagPose:

@@ -115,8 +115,7 @@ def slopes_of(image: Image, network: Network) -> Floats:
     plain = np.require(image, np.uint8, ("C", "A", "W"))  # one that may not be written would be compiled for anew
     angles = of_pixels(plain, network.weights, network.biases, network.widths)
     np.clip(angles, -STEEPEST_RAD, STEEPEST_RAD, out=angles)
-    slopes: Floats = np.tan(angles, out=angles)
-    return slopes
+    return np.asarray(np.tan(angles, out=angles))
 
 
 def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
@@ -140,8 +139,7 @@ def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
     divergence[1:] -= v_steps
     spectrum = fft.dctn(divergence, norm="ortho", overwrite_x=True)
     spectrum *= _inverse_laplacian(*divergence.shape)
-    surface: Floats = fft.idctn(spectrum, norm="ortho", overwrite_x=True)
-    return surface
+    return np.asarray(fft.idctn(spectrum, norm="ortho", overwrite_x=True))
 
 
 @cache

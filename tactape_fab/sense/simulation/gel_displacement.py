@@ -34,8 +34,7 @@ def displacements(view: View, at_mm: FloatArray, rng: np.random.Generator) -> Fl
     of_u, of_v = (np.exp(-(((at_mm[:, k, None] - nodes) / length_mm) ** 2)) for k, nodes in enumerate((across, down)))
     # the squares of the spread over all nodes add up to (pi / 2) (l / step)^2
     gain = displacement_um(view) / 1000.0 / (np.sqrt(np.pi / 2) * _NODES_PER_LENGTH)
-    moved: FloatArray = gain * np.einsum("nu,kuv,nv->nk", of_u, drawn, of_v, optimize=True)
-    return moved
+    return np.asarray(gain * np.einsum("nu,kuv,nv->nk", of_u, drawn, of_v, optimize=True))
 
 
 def _counts(half_field_mm: FloatArray, length_mm: float, step_mm: float) -> list[int]:

@@ -24,8 +24,7 @@ def gaussian_kernel(sigma_px: float) -> FloatImage:
     """A normalised Gaussian of odd length."""
     at = np.arange(-int(np.ceil(KERNEL_REACH * sigma_px)), int(np.ceil(KERNEL_REACH * sigma_px)) + 1)
     weight = np.exp(-0.5 * (at / sigma_px) ** 2)
-    kernel: FloatImage = (weight / weight.sum()).astype(np.float32)
-    return kernel
+    return np.asarray((weight / weight.sum()).astype(np.float32))
 
 
 def smooth(image: FloatImage, across: FloatImage, down: FloatImage, beyond: Literal["edge", "constant"]) -> FloatImage:

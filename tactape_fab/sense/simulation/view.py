@@ -77,8 +77,7 @@ class View:
         if self.scene.contact == "strip":  # an arc is at most pi/2 times its chord, and the chord may start off centre
             farthest = 2 * farthest + float(np.hypot(*self.scene.contact_offset_mm))
         offset = parts.xy_mm - texture_to_board(self.position_mm, self.tape.board.texture_origin_mm)
-        near: npt.NDArray[np.bool_] = (offset * offset).sum(axis=1) <= farthest * farthest
-        return near
+        return np.asarray((offset * offset).sum(axis=1) <= farthest * farthest)
 
 
 def bent(scene: Scene, flat_mm: FloatArray, height_mm: float, across_slope: float = 0.0) -> FloatArray:

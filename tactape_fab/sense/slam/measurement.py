@@ -207,5 +207,4 @@ def square_root(information: FloatArray) -> FloatArray:
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     kept = np.where(values > _LEAST_EIGENVALUE, values, 0.0)
-    root: FloatArray = np.sqrt(kept)[:, None] * vectors.T * scale
-    return root
+    return np.asarray(np.sqrt(kept)[:, None] * vectors.T * scale)

@@ -143,8 +143,7 @@ def _steiner(mass: float, offsets: FloatArray) -> FloatArray:
     """Inertia of equal point masses at offsets, (n, 3)."""
     second = offsets.T @ offsets
     # sum of m (r^2 1 - r r^T)
-    inertia: FloatArray = mass * (np.trace(second) * np.eye(3) - second)
-    return inertia
+    return np.asarray(mass * (np.trace(second) * np.eye(3) - second))
 
 
 def solid_mass(mesh: Mesh, density: float) -> tuple[float, FloatArray, FloatArray]:

@@ -39,8 +39,7 @@ class Relief:
 
     def levels(self) -> Image16:
         """Heights as 16-bit levels: 0 is the base, 65535 the top of an element."""
-        levels: Image16 = np.rint(self.height * (LEVELS / self.top_mm)).astype(np.uint16)
-        return levels
+        return np.asarray(np.rint(self.height * (LEVELS / self.top_mm)).astype(np.uint16))
 
     def normals(self) -> Image8:
         """Normal map, red along board x, green along board y, blue out of the tape (OpenGL's and glTF's sense)."""

@@ -181,8 +181,7 @@ def _on_curve(samples: FloatArray, places: FloatArray, period: float, derivative
     phase = np.exp(rate * np.outer(places, order))
     # real signal: negative orders double all but the mean (and the highest order, which is nothing for a smooth curve)
     weight = np.where(order == 0, 1.0, 2.0) * (rate * order) ** derivative
-    value: FloatArray = np.real(phase @ (weight[:, None] * wave)) / len(samples)
-    return value
+    return np.asarray(np.real(phase @ (weight[:, None] * wave)) / len(samples))
 
 
 def _basis(knots: FloatArray, places: FloatArray, derivative: int, degree: int = _SPLINE_DEGREE) -> FloatArray:

@@ -78,8 +78,7 @@ class Developable:
         b = (point[:, :, :2] * z[:, None, :2]).sum(axis=2) - radius * turned
         c = (point[:, :, :2] ** 2).sum(axis=2) - radius**2
         # the root near 0, without the difference of nearly equal numbers
-        height: FloatArray = -c / (b + np.copysign(np.sqrt(np.maximum(b**2 - a * c, 0.0)), b))
-        return height
+        return np.asarray(-c / (b + np.copysign(np.sqrt(np.maximum(b**2 - a * c, 0.0)), b)))
 
     def _on_plane(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
         end = uv + flat_mm

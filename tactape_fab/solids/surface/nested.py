@@ -60,8 +60,7 @@ def wrong_shells(mesh: Mesh) -> tuple[int, FloatArray]:
 
 def _volumes6(corners: FloatArray) -> FloatArray:
     """Six times the signed volume of each triangle's tetrahedron with the origin."""
-    volumes: FloatArray = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    return volumes
+    return np.asarray(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
 
 
 def _winding(corners: FloatArray, point_mm: FloatArray) -> float:

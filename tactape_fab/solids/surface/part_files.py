@@ -133,8 +133,7 @@ def _clusters(points: FloatArray, within_mm: float) -> IntArray:
     links = coo_array((np.ones(len(a)), (a, b)), shape=(len(points), len(points)))
     _, label = connected_components(links, directed=False)
     _, first = np.unique(label, return_index=True)
-    representative: IntArray = first[label].astype(np.int64)
-    return representative
+    return np.asarray(first[label].astype(np.int64))
 
 
 def _edge_keys(faces: IntArray) -> tuple[IntArray, IntArray]:
@@ -296,8 +295,7 @@ def _folded(faces: IntArray, corners: FloatArray, normals: FloatArray, pairs: In
     flat = (shapely.polygons((corners[k] - corners[one, :1]) @ axes) for k in (one, other))
     longest = np.ptp(corners[one], axis=1).max(axis=1, initial=0.0)
     # slivers that rounding has turned over are narrower
-    over: IntArray = one[shapely.area(shapely.intersection(*flat)) > _SLIVER * tolerance * longest]
-    return over
+    return np.asarray(one[shapely.area(shapely.intersection(*flat)) > _SLIVER * tolerance * longest])
 
 
 def _across(corners: FloatArray, normals: FloatArray, pairs: IntArray, tolerance: float) -> BoolArray:

@@ -108,8 +108,7 @@ class Facets:
         """Barycentric coordinates of points about the facets' planes; shape (n, 3)."""
         # coordinate i is 0 at the next corner: gradient times the way from there
         from_corner = points_mm[:, None] - np.roll(self.corners[facet], -1, axis=1)
-        weights: FloatArray = np.einsum("ijk,ijk->ij", self.gradients[facet], from_corner)
-        return weights
+        return np.asarray(np.einsum("ijk,ijk->ij", self.gradients[facet], from_corner))
 
     def smooth_normals(self, facet: IntArray, weights: FloatArray) -> FloatArray:
         """Normals interpolated between a facet's corners; shape (n, 3)."""

@@ -42,8 +42,7 @@ class StepModel:
     @property
     def size_mm(self) -> FloatArray:
         """Extent along x, y, z."""
-        size: FloatArray = np.ptp(self.corners_mm, axis=0)
-        return size
+        return np.asarray(np.ptp(self.corners_mm, axis=0))
 
     @property
     def corners_mm(self) -> FloatArray:
@@ -266,8 +265,7 @@ class FaceChart:
             raise SpecError(f"face = {self.face} has no centre that can be found; give a point of it with --at X,Y,Z")
         points = self.surface.roll(samples, np.zeros_like(samples)).points_mm
         apart, _ = nearest(points[~inside], points[inside]) if not inside.all() else (np.zeros(len(points)), None)
-        widest: FloatArray = samples[inside][[int(apart.argmax())]]
-        return widest
+        return np.asarray(samples[inside][[int(apart.argmax())]])
 
 
 def _chosen(model: StepModel, index: int | None, at_mm: FloatArray | None) -> int:

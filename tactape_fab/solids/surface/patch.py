@@ -56,8 +56,7 @@ def _arc_mm(a: Frames, b: Frames) -> FloatArray:
     chord = np.linalg.norm(a.points_mm - b.points_mm, axis=1)
     # two unit vectors at an angle t are 2 sin(t / 2) apart; on a circle chord = 2 R sin(t / 2) and arc = R t, hence the ratio
     half = np.arcsin(np.clip(np.linalg.norm(a.normal - b.normal, axis=1) / 2, 0.0, 1.0))
-    arc: FloatArray = chord * np.where(half > 1e-6, half / np.where(half > 1e-6, np.sin(half), 1.0), 1.0)
-    return arc
+    return np.asarray(chord * np.where(half > 1e-6, half / np.where(half > 1e-6, np.sin(half), 1.0), 1.0))
 
 
 def beyond_edge(offset_mm: FloatArray, elements: Frames, on_surface: BoolArray) -> tuple[float, str]:
@@ -136,15 +135,13 @@ def _seen_from(part: TapePart, elements: Frames, pairs: IntArray) -> FloatArray:
         heights, radii = rings[:, :, 2].mean(axis=1), np.hypot(rings[:, :, 0], rings[:, :, 1]).max(axis=1)
         middles = (two.points_mm - one.points_mm)[:, None] + heights[:, None] * two.normal[:, None]
         seen = np.stack([np.einsum("ijk,ik->ij", middles, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
-        gap: FloatArray = (np.linalg.norm(seen, axis=2) - radii).min(axis=1) - part.body_mm[0] / 2
-        return gap
+        return np.asarray((np.linalg.norm(seen, axis=2) - radii).min(axis=1) - part.body_mm[0] / 2)
     corners = (two.points_mm - one.points_mm)[:, None] + rings.reshape(-1, 3) @ axes
     flat = np.stack([np.einsum("ijk,ik->ij", corners, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
     own = rotate(flat, -part.rotation_deg)
     half = np.array(part.body_mm[:2]) / 2
     # how far all corners lie beyond either end of the body, along its length and its width: the larger one separates them
-    beside: FloatArray = np.maximum(own.min(axis=1) - half, -half - own.max(axis=1)).max(axis=1)
-    return beside
+    return np.asarray(np.maximum(own.min(axis=1) - half, -half - own.max(axis=1)).max(axis=1))
 
 
 def collisions(offset_mm: FloatArray, gap_mm: FloatArray, pairs: IntArray) -> tuple[float, str]:

@@ -74,5 +74,4 @@ def _domes_mm3(part: TapePart, surface: Developable, frames: Frames, sink_mm: fl
     area = below_flank_mm2(low)
     for at, share in zip((node + 1) / 2, weight / 2, strict=True):
         area -= share * low * surface.heights(frames, at * low * c, at * low * s) * at * low
-    volume: FloatArray = area.mean(axis=1) * 2 * pi
-    return volume
+    return np.asarray(area.mean(axis=1) * 2 * pi)

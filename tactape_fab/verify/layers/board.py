@@ -122,8 +122,7 @@ def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArr
     reach_mm = np.hypot(*outline_mm.T).max()
     # with the least inset d the nearest point is at d + reach at most; a copy at inset i has none nearer than i - reach
     near = xy_mm[inset <= inset.min(initial=np.inf) + 2 * reach_mm + EDGE_TOLERANCE_MM]
-    stamped: FloatArray = (near[:, None] + outline_mm).reshape(-1, 2)
-    return stamped
+    return np.asarray((near[:, None] + outline_mm).reshape(-1, 2))
 
 
 def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded: Recorded) -> Check:

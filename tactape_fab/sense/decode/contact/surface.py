@@ -70,8 +70,7 @@ class ContactView:
 
     def from_border_mm(self, seen_px: FloatArray) -> FloatArray:
         """How far pixels are from the image's border; (n, 2) to (n,)."""
-        nearest: FloatArray = (np.minimum(seen_px, self.last_px - seen_px) / self.px_per_mm).min(axis=1)
-        return nearest
+        return np.asarray((np.minimum(seen_px, self.last_px - seen_px) / self.px_per_mm).min(axis=1))
 
 
 def contact_view(sensor: SensorProfile) -> ContactView | None:
@@ -234,8 +233,7 @@ class ContactSurface:
         v, u = (np.indices(self.coarse.shape) + 0.5) * self.view.factor - 0.5
         apart = self.view.on_gel(np.stack([u, v], axis=-1).reshape(-1, 2))[:, None] - self.view.on_gel(self.dots_px)
         squares = np.einsum("ijk,ijk->ij", apart, apart).min(axis=1)
-        near: BoolArray = (squares < (REACH * self.pitch_mm) ** 2).reshape(self.coarse.shape)
-        return near
+        return np.asarray((squares < (REACH * self.pitch_mm) ** 2).reshape(self.coarse.shape))
 
     @cached_property
     def tilt(self) -> tuple[FloatArray, FloatArray] | None:

@@ -162,8 +162,7 @@ def _drawn_mm(slopes: FloatArray, pose: Pose, view: View) -> FloatArray:
     most_mm = MOST_DRAWN * size_mm
     # linear for small slopes, and at most `most_mm`
     along = most_mm * np.tanh(slopes @ to_part * (np.array(DRAWN) * size_mm**2 / most_mm))
-    drawn: FloatArray = along @ to_part.T
-    return drawn
+    return np.asarray(along @ to_part.T)
 
 
 def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:
@@ -178,5 +177,4 @@ def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:
     prior = np.diag([1e-9, *(HEIGHT_ERROR / np.repeat((SLOPE, BEND, TWIST), (2, 3, 4))) ** 2])
     # ridge regression; the constant's prior is only there so that no matrix is singular
     surface = np.linalg.solve(known @ known.T + prior, known @ level)
-    slopes: FloatArray = np.stack([surface @ along_u, surface @ along_v], axis=1) / np.maximum(surface @ rows, FLOOR)[:, None]
-    return slopes
+    return np.asarray(np.stack([surface @ along_u, surface @ along_v], axis=1) / np.maximum(surface @ rows, FLOOR)[:, None])

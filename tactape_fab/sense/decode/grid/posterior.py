@@ -198,8 +198,7 @@ def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
     """Covariance of the gel's displacement along an axis at the dots; shape (n, n), mm^2."""
     apart = seen_mm[:, None] - seen_mm
     squares = np.einsum("ijk,ijk->ij", apart, apart)
-    out: FloatArray = beliefs.gel_mm**2 * np.exp(squares / (-2.0 * beliefs.correlation_mm**2))
-    return out
+    return np.asarray(beliefs.gel_mm**2 * np.exp(squares / (-2.0 * beliefs.correlation_mm**2)))
 
 
 def _settled_correlated(smooth: FloatArray, of: _Terms) -> float:

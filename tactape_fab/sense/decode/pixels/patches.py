@@ -184,8 +184,7 @@ def _usable(sensor: SensorProfile, factor: int, half: int) -> BoolArray:
     sums = np.pad(depth, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     side = 2 * half + 1
     count = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
-    usable: BoolArray = count == side * side
-    return usable
+    return np.asarray(count == side * side)
 
 
 def has_patch(fit: PixelFit, at_px: FloatArray) -> BoolArray:
@@ -195,8 +194,7 @@ def has_patch(fit: PixelFit, at_px: FloatArray) -> BoolArray:
     # places may lie off the image: clipped they are an index, and no longer equal to what was asked for
     nearest = np.minimum(np.maximum(at, 0.0), (w - 1.0, h - 1.0))
     u, v = nearest.astype(np.int64).T
-    whole: BoolArray = (nearest == at).all(axis=1) & fit.usable[v, u]
-    return whole
+    return np.asarray((nearest == at).all(axis=1) & fit.usable[v, u])
 
 
 def median(values: FloatArray) -> float:

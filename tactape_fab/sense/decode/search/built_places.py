@@ -169,8 +169,7 @@ def _by_design(place: Place, share: float, found: _Places, evidence: _Evidence |
 
 def _is(place: Place, found: _Places) -> BoolArray:
     """Which of some places is this one; (k,)."""
-    same: BoolArray = (found.tape == place.tape) & (found.turn == place.turn) & (found.cells == place.cells).all(axis=(1, 2))
-    return same
+    return np.asarray((found.tape == place.tape) & (found.turn == place.turn) & (found.cells == place.cells).all(axis=(1, 2)))
 
 
 def _best(place: Place, found: _Places, evidence: _Evidence) -> tuple[Place, FloatArray]:
