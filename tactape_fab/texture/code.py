@@ -20,7 +20,7 @@ from tactape_fab.texture.trace import TraceCode
 Code = PlaneCode | TraceCode | DesignedCode
 """A code: what all of these have.
 
-window, sectors, range: See `texture.plane.Limits`; a tape has as many columns and rows as a window at least.
+window, range: Columns and rows that a tape has at least, and at most.
 most_points: Grid points that a tape has at most.
 directions: Allowed numbers of displacement directions.
 plane: The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:

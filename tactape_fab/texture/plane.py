@@ -29,8 +29,12 @@ MOST_POINTS = 500_000
 """Grid points of a tape."""
 
 
-class Limits(Protocol):
-    """Name of a code; columns and rows of its window, sectors, and columns and rows that a tape has at most."""
+class Plane(Protocol):
+    """A two-dimensional position code: a tape shows a patch of its plane.
+
+    window: Columns and rows of a window that determines its place.
+    range: Columns and rows that a tape has at most.
+    """
 
     @property
     def name(self) -> str: ...
@@ -40,10 +44,6 @@ class Limits(Protocol):
     def sectors(self) -> int: ...
     @property
     def range(self) -> int: ...
-
-
-class Plane(Limits, Protocol):
-    """A two-dimensional position code of some sectors: a tape shows a patch of its plane."""
 
     def patch(self, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
         """Symbols of a patch that lies in the plane; see `encode`."""

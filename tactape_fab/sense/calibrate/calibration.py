@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from numbers import Integral
 from pathlib import Path
@@ -314,59 +314,33 @@ def _quantities(
     relief: Relief | None,
     noise: Noise | None,
     corner_um: float,
-) -> list[Quantity]:
+) -> Iterator[Quantity]:
     geometry, (u, v) = sensor.geometry, sensor.px_per_mm
     sigma = geometry.sigma_px_per_mm or 0.0
     spread = np.sqrt(np.diag(bundle.covariance))
     seen = bool(spread[4] > 0.0)
-    unit = "mm" if sensor.depth_unit_mm is not None else "frame unit"
-    um = "um" if sensor.depth_unit_mm is not None else "frame unit / 1000"
-    rows = [
-        Quantity(name="px_per_mm_u", value=u, sigma=sigma, unit="px/mm"),
-        Quantity(name="px_per_mm_v", value=v, sigma=sigma * v / u, unit="px/mm"),
-        Quantity(name="aspect", value=geometry.aspect, sigma=geometry.sigma_aspect),
-        Quantity(name="shear", value=geometry.shear, sigma=geometry.sigma_shear),
-        Quantity(name="k1", value=geometry.k1, sigma=geometry.sigma_k1),
-    ]
-    for axis, at in zip("uv", geometry.center_px or sensor.centre_px.tolist(), strict=True):
-        index = 4 if axis == "u" else 5
-        note = "" if seen else "image centre: no distortion is seen, so it has none"
-        rows.append(Quantity(name=f"center_{axis}", value=at, sigma=float(spread[index]) if seen else None, unit="px", note=note))
-    rows += [
-        Quantity(
-            name="corner", value=0.0, sigma=corner_um / 1000, unit="mm", note="error of the camera at the worst place in view"
-        ),
-        Quantity(
-            name="over_perfect",
-            value=share_of_perfect(bundle),
-            sigma=None,
-            note="rms of positions over a perfect camera's, as expected",
-        ),
-        Quantity(
-            name="dot", value=1000 * estimate.errors.dot_mm, sigma=None, unit="um", note="error of a whole dot along an axis"
-        ),
-    ]
+    unit, um = ("mm", "um") if sensor.depth_unit_mm is not None else ("frame unit", "frame unit / 1000")
+    yield Quantity("px_per_mm_u", u, sigma, "px/mm")
+    yield Quantity("px_per_mm_v", v, sigma * v / u, "px/mm")
+    yield Quantity("aspect", geometry.aspect, geometry.sigma_aspect)
+    yield Quantity("shear", geometry.shear, geometry.sigma_shear)
+    yield Quantity("k1", geometry.k1, geometry.sigma_k1)
+    note = "" if seen else "image centre: no distortion is seen, so it has none"
+    for axis, at, of_axis in zip("uv", geometry.center_px or sensor.centre_px.tolist(), spread[4:].tolist(), strict=True):
+        yield Quantity(f"center_{axis}", at, of_axis if seen else None, "px", note)
+    yield Quantity("corner", 0.0, corner_um / 1000, "mm", "error of the camera at the worst place in view")
+    yield Quantity("over_perfect", share_of_perfect(bundle), None, "", "rms of positions over a perfect camera's, as expected")
     gel, moved = estimate.errors, estimate.errors.gel_mm > 0.0
-    rows.append(
-        Quantity(
-            name="gel_displacement",
-            value=1000 * gel.gel_mm,
-            sigma=1000 * gel.gel_mm * estimate.sigma_ln_gel if moved else None,
-            unit="um",
-            note="" if moved else "none is seen",
-        )
-    )
+    yield Quantity("dot", 1000 * gel.dot_mm, None, "um", "error of a whole dot along an axis")
+    about = 1000 * gel.gel_mm * estimate.sigma_ln_gel if moved else None
+    yield Quantity("gel_displacement", 1000 * gel.gel_mm, about, "um", "" if moved else "none is seen")
     if moved:
-        about = gel.correlation_mm * estimate.sigma_ln_correlation
-        rows.append(Quantity(name="gel_correlation", value=gel.correlation_mm, sigma=about, unit="mm"))
+        yield Quantity("gel_correlation", gel.correlation_mm, gel.correlation_mm * estimate.sigma_ln_correlation, "mm")
     if relief is not None:
-        rows += [
-            Quantity(name="blur", value=relief.blur_mm, sigma=relief.sigma_blur_mm, unit="mm"),
-            Quantity(name="amplitude", value=relief.amplitude, sigma=relief.sigma_amplitude, unit=unit, note="height of a part"),
-        ]
+        yield Quantity("blur", relief.blur_mm, relief.sigma_blur_mm, "mm")
+        yield Quantity("amplitude", relief.amplitude, relief.sigma_amplitude, unit, "height of a part")
     if noise is not None:
         where = f"{noise.patches} patches off contact" if noise.patches else "between the dots; white noise is within it"
-        rows.append(Quantity(name="noise_slope", value=noise.slope, sigma=noise.sigma_slope, note=where))
+        yield Quantity("noise_slope", noise.slope, noise.sigma_slope, "", where)
         if noise.patches:
-            rows.append(Quantity(name="noise_white", value=noise.white_um, sigma=noise.sigma_white_um, unit=um))
-    return rows
+            yield Quantity("noise_white", noise.white_um, noise.sigma_white_um, um)

@@ -15,7 +15,7 @@ from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Quantity:
     """A figure with its standard deviation; None where that is not known."""
 

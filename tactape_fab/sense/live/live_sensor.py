@@ -8,7 +8,6 @@ from numbers import Integral, Real
 from os import PathLike
 from threading import Condition, Event, Thread
 from time import perf_counter
-from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
@@ -152,7 +151,7 @@ class LiveSensor:
     def __enter__(self) -> LiveSensor:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _is_wanted(self, after: int, max_age_s: float | None) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from tactape_fab.base.errors import TactapeError, reason_of
@@ -46,7 +45,7 @@ class McapLog:
     def __enter__(self) -> McapLog:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def write(self, located: Located, sensor: str = "") -> bool:

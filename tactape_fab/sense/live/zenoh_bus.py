@@ -11,7 +11,6 @@ import struct
 from collections import Counter
 from collections.abc import Sequence
 from time import time_ns
-from types import TracebackType
 from typing import Any
 from uuid import uuid4
 
@@ -72,7 +71,7 @@ class ZenohBus:
     def __enter__(self) -> ZenohBus:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._session.close()
 
     def write(self, located: Located, sensor: str = "") -> bool:
