@@ -123,12 +123,17 @@ def read_role(role: str, read: Callable[[bytes], T], files: Mapping[str, Written
         return None
 
 
+def _read_attributed(data: bytes) -> GerberContent:
+    """A Gerber file with its attributes in comments (Gerber 2024.05, 5.1.1) as statements: gerbonara passes over the former."""
+    return read_gerber(re.sub(rb"^G04 #@! (T[AFOD][^*%\n]*)\*$", rb"%\1*%", data, flags=re.MULTILINE))
+
+
 def read_layers(files: Mapping[str, WrittenFile], cpl: CplContent | None, film: FilmRecord, checks: list[Check]) -> FilmLayers:
     """Read every Gerber and drill file in the kit; each unreadable one adds a failed line to `checks`."""
     gerbers = {
         role: content
         for role in (*FILE_FUNCTIONS, *film.backings)
-        if role in files and (content := read_role(role, read_gerber, files, checks)) is not None
+        if role in files and (content := read_role(role, _read_attributed, files, checks)) is not None
     }
     holes = read_role("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
     return FilmLayers(gerbers=gerbers, holes=holes, cpl=cpl)
@@ -251,7 +256,7 @@ def check_attributes(
         if start is not None:
             missing = [n for n in REQUIRED_ATTRIBUTES if start + n.encode() not in files[role].data]
             problems += [f"{role} has no .{name}" for name in missing]
-        if mode == "full" and role == "copper-top":
+        if start is not None and role == "copper-top":
             problems += _pad_problems(content, part)
         for attribute, expected in zip(("FileFunction", "FilePolarity"), functions[role], strict=True):
             found = content.file_attributes.get(attribute)

@@ -593,6 +593,23 @@ def test_the_label_of_another_sector_is_caught(flat_kit: Kit, copied: Copy, tmp_
     assert set(failed(verify_kit(kit.save(consistent=True), quick=True))) == {"fab-dxf", "kicad board", "label"}
 
 
+def test_attributes_in_comments_are_compared_like_statements(tmp_path: Path) -> None:
+    from tactape_fab import TapeSpec, make_kit
+
+    spec = TapeSpec(sector=101, size_mm=(20.0, 20.0), x2="comments", models=False)
+    folder = make_kit(spec, tmp_path / "kit").path
+    kit = OpenKit(folder)
+    before, lines = kit.data["copper-top"], []
+    for old, new in ((b"TO.P,R7,1*", b"TO.P,R8,1*"), (b"Copper,L1,Top", b"Copper,L2,Bot"), (b"G04 #@! TO.P,R7,1*\n", b"")):
+        kit.data["copper-top"] = swapped(before, old, new)
+        signed = kit.data["copper-top"].partition(b"G04 #@! TF.MD5")[0].replace(b"\n", b"")
+        digest = hashlib.md5(signed, usedforsecurity=False).hexdigest().encode()
+        kit.data["copper-top"] = re.sub(rb"(?<=MD5,)[0-9a-f]{32}", digest, kit.data["copper-top"])
+        kit.sign = False
+        lines.append({*failed(verify_kit(kit.save(consistent=True), quick=True))})
+    assert "copper-top names" in lines[0] and "attributes" in lines[1] and "copper-top names" in lines[2]
+
+
 FORMULAS = ("=cmd|' /C calc'!A0", "+1", "-2+3", "@SUM(A1)", "\t=1", "0R\n=1")
 
 

@@ -183,7 +183,7 @@ def test_each_pad_of_a_part_says_which_and_a_panels_fiducials_need_not() -> None
     assert not found.passed and found.message == "copper-top has pads without .P"
     assert attributes(layers_of(paste_top=content("paste-top", flash_component=("", "R1", "")))).passed
     comments = {role.replace("-", "_"): text_of(role, start="G04 #@! TF.", end="*\n") for role in ALL if role != "components-top"}
-    assert attributes(layers_of(copper_top=nameless), record(x2="comments"), **comments).passed
+    assert "pads without .P" in attributes(layers_of(copper_top=nameless), record(x2="comments"), **comments).message
     mark = content("copper-top", aperture_functions=("FiducialPad,Global", "SMDPad,CuDef"), flash_component=("", "R1", "R2"))
     said = "copper-top has pads of function 'FiducialPad,Global'"
     for gerbers in ({"copper-top": mark}, {"copper-top": replace(mark, flash_component=("R3", "R1", "R2"))}):
