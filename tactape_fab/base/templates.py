@@ -9,16 +9,13 @@ from functools import cache, lru_cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.libraries import library
 
 T = TypeVar("T")
+_PARSER = "tomllib" if sys.version_info >= (3, 11) else "tomli"
 _PROFILE_BYTES = 1024 * 1024
 _MOST_PARTS = 64
 """Of a dotted key: the parser keeps every table on the way to it, and takes gigabytes for 100,000 parts."""
@@ -63,7 +60,10 @@ def _names(kind: str) -> tuple[str, ...]:
 
 
 def read_toml(path: Path, key: str) -> dict[str, Any]:
-    """A TOML file of bounded size as a mapping. Raises SpecError if it cannot be opened, is too large, or is not TOML."""
+    """A TOML file of bounded size as a mapping. Raises SpecError if it cannot be opened, is too large, or is not TOML.
+
+    Raises MissingLibraryError on Python 3.10 without tomli.
+    """
     try:
         data = read_regular(path, _PROFILE_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path that is invalid on every system
@@ -78,7 +78,8 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         # a key ends with its line, and a line of TOML with "\n" alone: tokens are looked at where a key could be too long at all
         if any(line.count(".") >= _MOST_PARTS for line in text.split("\n")) and _parts(text) > _MOST_PARTS:
             raise ValueError(f"a key has more than {_MOST_PARTS} parts, with dots between them")
-        return tomllib.loads(text)
+        content: dict[str, Any] = library(_PARSER, "reading TOML").loads(text)
+        return content
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} is not TOML: {error}; correct it")) from error
 

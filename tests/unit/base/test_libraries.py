@@ -56,6 +56,14 @@ def test_the_default_installation_says_what_embossing_takes(small_kit: Kit, tmp_
     assert (status, output, errors) == (1, "", said)
 
 
+def test_doctor_answers_without_a_reader_of_toml(tmp_path: Path) -> None:
+    """Python 3.10 has none of its own, and nothing else works there."""
+    status, output, errors = without(("tomllib", "tomli"), "doctor", tmp_path)
+    assert (status, errors) == (0, "") and "templates" in output
+    status, output, errors = without(("tomllib", "tomli"), "profiles", tmp_path)
+    assert (status, output) == (1, "") and errors.startswith("error: reading TOML needs toml")
+
+
 def test_a_robot_simulates_decodes_watches_certifies_and_lists(small_kit: Kit, tmp_path: Path) -> None:
     kit = small_kit.path
     status, _, errors = robot(f"simulate {kit} -o frames.npz --count 2 --pose 8,8,30", tmp_path)
