@@ -31,18 +31,19 @@ def unmasked(value: Any) -> Any:
 
 
 def as_numbers(
-    value: object, shape: tuple[int | None, ...], key: str, remedy: str, *, finite: bool = True
+    value: object, shape: tuple[int | None, ...], key: str, remedy: str, *, finite: bool = True, flat: bool = False
 ) -> npt.NDArray[np.float64]:
     """An array of numbers of a shape, in double precision; NaN for those that are masked.
 
     shape: Length along each axis; None for any.
+    flat: Whether a column, a row or any other arrangement is as good as one axis.
     Raises SpecError if it is none, or not finite where that is asked for.
     """
     try:
         array = np.asarray(unmasked(value))
         if array.size and array.dtype.kind not in "fiu":
             raise TypeError
-        array = array.astype(np.float64)
+        array = array.astype(np.float64).ravel() if flat else array.astype(np.float64)
     except (TypeError, ValueError, OverflowError):
         raise SpecError(Problem(key, f"{key} = {shown(value)} is no array of numbers; give {remedy}")) from None
     if len(array.shape) != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):

@@ -282,7 +282,7 @@ def as_sensor(sensor: object) -> SensorProfile:
 
 def _checked(made: SensorProfile) -> SensorProfile:
     """A profile that a program made, with a scale that can be hashed. Raises SpecError with all that is wrong with it."""
-    scale = tuple(np.ravel(made.px_per_mm).tolist())
+    scale = tuple(np.ravel(np.asarray(made.px_per_mm, dtype=object)).tolist())
     table = _known_fields(made, "", px_per_mm=scale)
     table.text("name", longest=100)
     table.text("title")

@@ -102,7 +102,7 @@ CODE_NAMES = tuple(code.name for code in _CODES if code.plane is not None)
 def get_code(name: str) -> Code:
     """The code of that name. Raises SpecError if no code has that name."""
     if not isinstance(name, str) or name not in CODES:
-        raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(ALL_CODE_NAMES)}"))
+        raise SpecError(Problem("code", f"code = {shown(name)} is none of: {', '.join(ALL_CODE_NAMES)}"))
     return CODES[name]
 
 
@@ -112,9 +112,9 @@ def get_plane(name: str) -> Plane:
     plane = CODES[name].plane if known else None
     if plane is None and known:
         said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit"
-        raise SpecError(Problem("code", f"code = {name!r} {said}"))
+        raise SpecError(Problem("code", f"code = {shown(name)} {said}"))
     if plane is None:
-        raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(CODE_NAMES)}"))
+        raise SpecError(Problem("code", f"code = {shown(name)} is none of: {', '.join(CODE_NAMES)}"))
     return plane
 
 

@@ -72,6 +72,7 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     """
     try:
         xy = np.asarray(unmasked(xy_mm), dtype=np.float64)
+        _refuse_no_pairs(xy, texture_origin_mm)
         board = np.empty(xy.shape)
         # axis by axis: numpy takes many times as long for operands of two numbers
         np.add(xy[..., 0], texture_origin_mm[0], out=board[..., 0])
@@ -103,6 +104,7 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     """
     try:
         xy = np.asarray(unmasked(xy_mm), dtype=np.float64)
+        _refuse_no_pairs(xy, texture_origin_mm)
         texture = np.empty(xy.shape)
         for axis in (0, 1):  # as above
             np.subtract(xy[..., axis], texture_origin_mm[axis], out=texture[..., axis])
@@ -110,6 +112,12 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         raise SpecError(_NO_POINTS) from None
     np.negative(texture[..., 1], out=texture[..., 1])
     return texture
+
+
+def _refuse_no_pairs(xy_mm: FloatArray, origin_mm: Sequence[float]) -> None:
+    """Refuse points in space, whose z would be left at what memory holds. Raises ValueError."""
+    if xy_mm.shape[-1] != 2 or len(origin_mm) != 2:
+        raise ValueError
 
 
 def board_to_picture(xy_mm: npt.ArrayLike, upper_left_mm: tuple[float, float], px_per_mm: float) -> FloatArray:

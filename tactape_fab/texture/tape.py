@@ -11,6 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.texture.as_built import AsBuilt, BuiltParts, Given, as_built_of
 from tactape_fab.texture.board import Board, Surface, Tag, read_board, read_surface, read_tag
@@ -224,12 +225,12 @@ class Tape:
         file = find_manifest(path)
         return cls.from_mapping(read_manifest(file)).with_as_built(file, as_built)
 
-    def with_as_built(self, manifest: Path, as_built: Given = None) -> Tape:
+    def with_as_built(self, manifest: str | Path, as_built: Given = None) -> Tape:
         """The tape with the measured places of its parts.
 
         Parameters
         ----------
-        manifest : Path
+        manifest : str or Path
             File of its manifest.
         as_built : AsBuilt, str, Path or None
             As for `load`.
@@ -243,6 +244,7 @@ class Tape:
         SpecError
             As `load`.
         """
+        manifest = as_path(manifest, "manifest", "the manifest.json of a kit")
         built = as_built_of(manifest, self.name, self.part_count, as_built, most_mm=self.displacement_mm)
         return self if built is None else replace(self, as_built=built)
 

@@ -15,6 +15,7 @@ import pytest
 import tactape_fab
 from tactape_fab import (
     AsBuilt,
+    FrameError,
     Kit,
     Localization,
     Localizer,
@@ -35,6 +36,7 @@ from tactape_fab import (
     pixels_to_texture,
     read_object,
     read_tapes,
+    refine_tag_pose,
     tag_side_mm,
     tag_to_texture,
     texture_to_board,
@@ -44,10 +46,12 @@ from tactape_fab import (
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense import (
     ArmPose,
+    ElasticContact,
     LiveSensor,
     Mount,
     Network,
     Parts,
+    Scene,
     SensorProfile,
     calibrate_sensor,
     draw_poses,
@@ -143,7 +147,7 @@ CAMERA = np.array([(900.0, 0.0, 320.0), (0.0, 900.0, 240.0), (0.0, 0.0, 1.0)])
 NO_TAPE = r"^tape = .* is no tape; give Tape\.load\(KIT\)$"
 NO_KIT = r"^path = .* is no path; give the folder of a kit or its manifest\.json, as a text or a Path$"
 NO_LIST = r"is no list of tapes; give \[Tape\.load\(KIT\), \.\.\.\]$"
-EYE, ONES = np.eye(3), np.ones(3)
+EYE, ONES, RAGGED = np.eye(3), np.ones(3), [[1, 2], [3]]
 WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "tracker": (lambda: Tracker(of("k7")), r"^localizer = 'k7' is no Localizer; give Tracker\(Localizer\(KIT\)\)$"),
     "motion": (lambda: Tracker(Localizer(TAPE), of(3)), "^motion = 3 is no Motion; give one, or leave it out$"),
@@ -226,6 +230,20 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "form": (lambda: texture_part(TAPE, of(3)), r"^form = 3 is no SolidForm; give SolidForm\(base_mm=0.8\), or leave it out$"),
     "base": (lambda: texture_part(TAPE, SolidForm(base_mm=of("x"))), "^base_mm = 'x' is not a number in mm; give a number"),
     "model": (lambda: assembly(of("k7")), NO_TAPE),
+    "no noise": (lambda: Scene(noise=of(None)), "^scene.noise is missing; give a number$"),
+    "no force": (lambda: ElasticContact(force_n=of(None)), "^elastic.force_n = None is not a number in N; give a number from"),
+    "no blur": (lambda: ElasticContact(blur_mm=of(None)), "^elastic.blur_mm = None is not a number in mm; give a number from"),
+    "ragged pixels": (lambda: pixels_to_texture(TAPE, of(RAGGED), EYE, ONES, EYE), "^pixels = .* is no array of numbers; give"),
+    "ragged shift": (lambda: pixels_to_texture(TAPE, [1, 2], EYE, of(RAGGED), EYE), "^translation_mm = .* is no array of num"),
+    "ragged lens": (lambda: pixels_to_texture(TAPE, [1, 2], EYE, ONES, EYE, of(RAGGED)), "^distortion = .* is no array of num"),
+    "ragged scale": (lambda: Localizer(TAPE, replace(load_sensor("digit"), px_per_mm=of(RAGGED))), r"px_per_mm\[0\] = \[1, 2\]"),
+    "space": (lambda: board_to_texture([1.0, 2.0, 3.0], (0.0, 0.0)), "^xy_mm or texture_origin_mm is no point: give points of"),
+    "to space": (lambda: texture_to_board([[1.0, 2.0, 3.0]], (0.0, 0.0)), "^xy_mm or texture_origin_mm is no point: give points"),
+    "share": (lambda: Localizer(TAPE, unregistered_share=1e-320), "^unregistered_share = .*e-321 is below 1e-200; give a probab"),
+    "no manifest": (lambda: TAPE.with_as_built(of(3)), "^manifest = 3 is no path; give the manifest.json of a kit, as a text"),
+    "frame": (lambda: FIX.to_mapping(of("x")), "^frame = 'x' is no index; give a whole number, or leave it out$"),
+    "long code": (lambda: default_origin("x" * 5000, 7), r"^code = 'x{56}\.\.\. is none of: "),
+    "date": (lambda: Localizer(TAPE).locate_dots([], timestamp=of(np.datetime64("now"))), "^timestamp = .* is no number; give"),
 }  # fmt: skip
 
 
@@ -238,6 +256,20 @@ def of(value: Any) -> Any:
 def test_what_is_of_another_type_is_refused_with_what_to_give(call: Callable[[], object], said: str) -> None:
     with pytest.raises(SpecError, match=said):
         call()
+
+
+def test_a_time_beyond_any_number_is_refused() -> None:
+    with pytest.raises(FrameError, match=r"^timestamp = <int too long to show> is no time; give seconds$"):
+        Tracker(Localizer(TAPE)).update_dots([], timestamp=10**5000)
+
+
+def test_a_picture_of_rows_of_several_lengths_is_refused() -> None:
+    with pytest.raises(FrameError, match=r"^the picture's rows have several lengths; give \(h, w\) gray levels, uint8$"):
+        refine_tag_pose(TAPE, of(RAGGED), EYE, (0, 0, 9), CAMERA)
+
+
+def test_a_manifest_may_be_named_by_a_text(small_kit: Kit) -> None:
+    assert small_kit.tape.with_as_built(str(small_kit.path / "manifest.json")).name == small_kit.tape.name
 
 
 def test_wrong_types_are_said_together() -> None:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.contact.surface import contact_view
@@ -62,6 +63,7 @@ def _stamped(found: Localization, start: float, timestamp: float | None) -> Loca
     given: object = timestamp
     if isinstance(given, np.number):  # of an array of times; JSON takes Python's own numbers alone
         timestamp = given.item()
+    refuse_other(timestamp, (Real, type(None)), "timestamp", "number", "the capture time in seconds, or leave it out")
     object.__setattr__(found, "elapsed_ms", (perf_counter() - start) * 1000.0)
     object.__setattr__(found, "timestamp", timestamp)
     return found

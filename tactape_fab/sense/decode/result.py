@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from math import degrees, inf, radians
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
@@ -302,6 +303,7 @@ class Localization:
         dict
             Every attribute but `dots` and `contact` by its name, and what the contact says, numbers as Python's own.
         """
+        refuse_other(frame, (Integral, type(None)), "frame", "index", "a whole number, or leave it out")
         values: dict[str, Any] = {} if frame is None else {"frame": int(frame)}
         names = [name for one in fields(self) for name in (_PRESSED if one.name == "contact" else (one.name,))]
         for name in names:

@@ -26,6 +26,7 @@ USUAL: Mapping[str, Any] = {
     "refine": None,
 }
 """Every setting, and its value where none is given."""
+_LEAST_SHARE = 1e-200
 _SHARES = ("max_p_false", "max_p_tape", "unregistered_share")
 _OF_TAPES = ("world", "max_p_tape", "unregistered_share", "refine")
 
@@ -44,7 +45,8 @@ def setting_problems(given: Mapping[str, Any], *, code: str | None = None) -> li
     method, world = table.choice("method", get_args(Method)), table.choice("world", get_args(World))
     table.choice("refine", get_args(Refined))
     for name in (name for name in _SHARES if name in given):
-        table.number(name, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
+        # the logarithm of a share of a place would be that of zero
+        table.number(name, low=_LEAST_SHARE, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
     table.number("kappa", low=1.0, high=1e300, unit="", remedy="give the least lead over any rival, such as 30")
     table.flag("fixed_scale")
     if method == "paper":

@@ -115,7 +115,10 @@ def refine_tag_pose(
     camera_to_texture(tape, rotation, translation_mm)
     turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation_mm, dtype=np.float64).ravel()
     matrix, lens = camera_arrays(camera_matrix, distortion)
-    picture = np.asarray(image)
+    try:
+        picture = np.asarray(image)
+    except ValueError as error:
+        raise FrameError("the picture's rows have several lengths; give (h, w) gray levels, uint8") from error
     if picture.ndim != 2 or picture.dtype != np.uint8:
         raise FrameError(
             f"a picture of shape {picture.shape} and type {picture.dtype} is invalid; give (h, w) gray levels, uint8"

@@ -7,6 +7,7 @@ Camera frame: x right, y down, z forward. Pixels are those of OpenCV, integer at
 
 from __future__ import annotations
 
+from contextlib import suppress
 from math import radians
 
 import numpy as np
@@ -100,7 +101,7 @@ def camera_arrays(camera_matrix: npt.ArrayLike, distortion: npt.ArrayLike | None
     if distortion is None:
         return matrix, None
     remedy = "4, 5, 8, 12 or 14 coefficients as OpenCV's calibration has them, or leave it out"
-    lens = as_numbers(np.ravel(np.asarray(unmasked(distortion))), (None,), "distortion", remedy)
+    lens = as_numbers(distortion, (None,), "distortion", remedy, flat=True)
     if len(lens) not in (4, 5, 8, 12, 14):
         raise SpecError(Problem("distortion", f"distortion has {len(lens)} values; give {remedy}"))
     return matrix, lens
@@ -114,9 +115,7 @@ def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.A
     Raises SpecError when the tape has no tag, or the pose is invalid.
     """
     turn = as_numbers(rotation, (3, 3), "rotation", "a finite rotation (3, 3), pose_R as the detector has it")
-    shift = as_numbers(
-        np.ravel(np.asarray(unmasked(translation_mm))), (3,), "translation_mm", "a finite translation (3,), pose_t in mm"
-    )
+    shift = as_numbers(translation_mm, (3,), "translation_mm", "a finite translation (3,), pose_t in mm", flat=True)
     if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0.0:
         raise SpecError(Problem("rotation", "rotation is no rotation matrix; give pose_R as the detector has it"))
     back = np.eye(4)
@@ -154,8 +153,10 @@ def rays_of(pixels: FloatArray, matrix: FloatArray, lens: FloatArray | None) -> 
 
 def _pairs(given: npt.ArrayLike, key: str, remedy: str) -> FloatArray:
     """Points (n, 2), or a single one. Raises SpecError for anything else."""
-    given = np.empty((0, 2)) if np.size(given) == 0 else unmasked(given)
-    return as_numbers([given] if np.ndim(given) == 1 else given, (None, 2), key, remedy, finite=False)
+    with suppress(ValueError):  # of rows of several lengths, which are refused below
+        given = np.empty((0, 2)) if np.size(given) == 0 else unmasked(given)
+        given = [given] if np.ndim(given) == 1 else given
+    return as_numbers(given, (None, 2), key, remedy, finite=False)
 
 
 def pixels_to_texture(

@@ -53,7 +53,8 @@ class ElasticContact:
 
     def __post_init__(self) -> None:
         """Refuse invalid values, all together."""
-        given = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        given = {name: value for name, value in values.items() if value is not None or name not in _OPEN}
         table = Fields(given, "elastic.")
         most = _MOST_TILT_DEG
         remedy = f"give the tilts along image u and v, each from {-most:g} to {most:g} deg: 3,0, in Python (3, 0)"
@@ -67,6 +68,8 @@ class ElasticContact:
 
 
 _MOST_TILT_DEG = 20.0
+_OPEN = ("cylinder_radius_mm", "thickness_mm", "modulus_kpa", "slope_limit")
+"""What may be None: flat, as the sensor's profile says, and without a limit."""
 _NUMBERS = {
     "force_n": (0.01, 1000.0, "N"),
     "cylinder_radius_mm": (2.0, 1e6, "mm"),

@@ -120,8 +120,9 @@ class Scene:
         if min(self.contact_mm) < _LEAST_CONTACT_MM:
             said = f"contact_mm = {list(self.contact_mm)} is below {_LEAST_CONTACT_MM} mm; give a larger contact"
             table.problem("contact_mm", said)
+        open_ones = {f.name for f in fields(self) if f.default is None}  # None leaves those to the sensor or to another figure
         for name, (least, most, unit) in _NUMBERS.items():
-            if getattr(self, name) is not None:
+            if name not in open_ones or getattr(self, name) is not None:
                 table.number(name, low=least, high=most, unit=unit)
         table.text("noise_model", choices=NOISE_MODELS)
         self._refuse_other_noise(table)

@@ -188,8 +188,12 @@ class Tracker:
     def _prior(self, timestamp: float) -> Prior | None:
         last = self._state.timestamp
         number: object = timestamp
-        if not isinstance(number, Real) or not abs(float(number)) < 1e300:
-            raise FrameError(f"timestamp = {number!r} is no time; give seconds")
+        try:
+            some_time = isinstance(number, Real) and abs(float(number)) < 1e300
+        except OverflowError:  # a whole number beyond any float
+            some_time = False
+        if not some_time:
+            raise FrameError(f"timestamp = {shown(number)} is no time; give seconds")
         if last is not None and timestamp <= last:
             raise FrameError(f"timestamp = {timestamp} s is not after {last} s; give frames in their order, or reset the tracker")
         return predicted(self._state.line, self._state.velocity, timestamp, self.motion)
