@@ -11,7 +11,6 @@ import numpy as np
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields, named, shown
-from tactape_fab.base.version import __version__
 from tactape_fab.kit.film.anchors import build_anchors
 from tactape_fab.kit.profiles import GERBER_ROLES, LegendSizes, load_fab, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
@@ -65,7 +64,6 @@ class FilmManifest:
     """Film and assembly as the manifest of a kit or a panel records them.
 
     ``paths`` are those of fabrication files by role as the fab's profile has them, or, of one of the user's, as most fabs do.
-    ``own_version``: The kit says that this version made it.
     """
 
     lands: Recorded
@@ -78,7 +76,6 @@ class FilmManifest:
     limits_mm: Mapping[str, object]
     paths: Mapping[str, str]
     names_known: bool
-    own_version: bool
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:
@@ -98,7 +95,6 @@ def read_film_manifest(table: Fields) -> FilmManifest:
         limits_mm=fab.table("limits_mm").values,
         paths={r: profile.file_path(r, str(table.values.get("name")), material.get(r, "")) for r in GERBER_ROLES},
         names_known=known is not None,
-        own_version=table.table("tool").values.get("version") == __version__,
     )
 
 

@@ -244,7 +244,7 @@ def _check_film(
     made = shown_on_board(tape.name, tape, film, layers.gerbers)
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
     radius_mm, legend = tape.board.corner_radius_mm, layers.gerbers.get("legend-top")
-    told = Told(tape=tape, on_panel=False, assembly=film.assembly, lands=film.lands) if film.own_version else None
+    told = Told(tape=tape, on_panel=False, assembly=film.assembly, lands=film.lands)
     checks += check_drawings(files, tape.name, shown, radius_mm, [], legend, film.order, film.film.backings, told)
     checks.append(check_job(tape.name, tape.board.size_mm, film.order, files))
     return [*checks, check_zip(files, with_job=film.film.job_in_zip)]

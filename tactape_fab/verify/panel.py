@@ -252,7 +252,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     made = shown_on_board(record.name, tapes[0].tape, film, layers.gerbers)
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
     slots, legend = [*slots_mm(panel)], layers.gerbers.get("legend-top")
-    told = Told(tape=tapes[0].tape, on_panel=True, assembly=film.assembly, lands=film.lands) if film.own_version else None
+    told = Told(tape=tapes[0].tape, on_panel=True, assembly=film.assembly, lands=film.lands)
     checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings, told)
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
     pictured = Pictured(

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.base.fields import shown as quoted
-from tactape_fab.base.version import __version__
 from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
@@ -71,7 +70,8 @@ def _pieces(
     """Patterns of the words, each fixed but for figures that no record has; a blank is between any two."""
     tape, pads, count = told.tape, told.lands.pads, len(expected.parts_xy_mm)
     length, width, height = (f"{side:g}" for side in tape.part.body_mm)
-    mask = "(?:coverlay|solder mask)" if order is None else re.escape(order.mask)
+    # drawings before the first released ones called a solder mask coverlay, too
+    mask = f"(?:coverlay|{'solder mask' if order is None else re.escape(order.mask)})"
     tapes, (wide, high) = r"(?:\d+ )*?" * told.on_panel, expected.size_mm
     yield f"OUTLINE, seen from the parts' side {tapes}{wide:g} {high:g}"
     if not told.on_panel:
@@ -100,7 +100,7 @@ def _pieces(
     texture = "[^;]{1,200}; W [^;]{1,200}" if told.on_panel else of
     yield f"Texture {texture} Fab profile [^;]{{1,100}}; assembly format {told.assembly.format}"
     yield rf"Scale outline (?:{_F}:1|1:{_F}), A {_F}:1; all dimensions in mm"
-    yield rf"Date, tool \d{{4}}-\d\d-\d\d, tactape-fab {re.escape(__version__)}; sheet 1 of 1, A4"
+    yield r"Date, tool \d{4}-\d\d-\d\d, tactape-fab [^ ;]{1,40}; sheet 1 of 1, A4"
 
 
 def _layers(count: int, mask: str, height: str, told: Told, order: FabOrder | None, backings: Mapping[str, str]) -> Iterator[str]:

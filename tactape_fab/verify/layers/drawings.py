@@ -19,7 +19,7 @@ from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.board import off_outline_mm
-from tactape_fab.verify.layers.drawing_words import Told, in_ascii, word_problems
+from tactape_fab.verify.layers.drawing_words import Told, word_problems
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
@@ -45,11 +45,10 @@ def check_drawings(
     legend: GerberContent | None,
     order: FabOrder | None,
     backings: Mapping[str, str],
-    told: Told | None = None,
+    told: Told,
 ) -> list[Check]:
-    """Check the drawings that are there; `legend` is the layer that the fab prints, `order` what it makes the film of.
-
-    `told` is what the PDF of this version says besides; without it, of another one, only some words are looked for.
+    """Check the drawings that are there; `legend` is the layer that the fab prints, `order` what it makes the film of, and
+    `told` what the PDF says besides.
     """
     checks = []
     if "fab-dxf" in files:
@@ -59,15 +58,10 @@ def check_drawings(
     if "fab-drawing" in files:
         try:
             words = _read_pdf(files["fab-drawing"].data)
-            problems = _facts_problems(words, name, expected, order, backings)
-            problems = problems or (
-                [] if told is None else word_problems(words, name, expected, radius_mm, told, order, backings)
-            )
+            problems = word_problems(words, name, expected, radius_mm, told, order, backings)
         except (ValueError, zlib.error) as error:
             problems = [f"it is not in the form that this tool writes: {error}"]
-        right = "one page that runs and fetches nothing; "
-        right += "name, size, parts and stack" if told is None else "its words"
-        right += " as the manifest's; not compared: what it draws" + ", and its scales" * (told is not None)
+        right = "one page that runs and fetches nothing; its words as the manifest's; not compared: what it draws, and its scales"
         checks.append(Check(name="fab-drawing", passed=not problems, message=named(problems) or right))
     return checks
 
@@ -201,27 +195,6 @@ _NAMES = frozenset(
 """Names of the drawing's objects: none of an action, a script, a file, a form, a link, or of objects packed in a stream."""
 _NAME = re.compile(rb"/[^\s()<>\[\]{}/%]*")
 _OF_FONTS = re.compile(rb"/(?:F\d\+0|AAAAAA\+BitstreamVeraSans-(?:Roman|Bold))")
-
-
-def _facts_problems(words: str, name: str, expected: Shown, order: FabOrder | None, backings: Mapping[str, str]) -> list[str]:
-    width, height = (f"{side_mm:g}" for side_mm in expected.size_mm)
-    facts = [f" Title {name} ", f" {width} ", f" {height} ", f" parts {len(expected.parts_xy_mm)} x "]
-    turned = set(expected.rotation_deg.tolist())
-    # ? is what `_read_pdf` makes of a character that is not ASCII, here of the degree sign
-    facts += [f" All parts turned {turned.pop():g}? "] if len(turned) == 1 else []
-    stiffener, adhesive = backings.get("stiffener-bottom"), backings.get("adhesive-bottom")
-    facts.append(" stiffener none " if stiffener is None else f" stiffener {stiffener} mm, whole underside ")
-    if adhesive is not None:
-        facts.append(f" adhesive {adhesive} mm{' under the stiffener' if stiffener else ', whole underside'} ")
-    if order is not None:
-        # version 0.1.0 called a solder mask coverlay, too
-        words = words.replace(f" coverlay {order.coverlay_colour}; ", f" {order.mask} {order.coverlay_colour}; ")
-        facts += [
-            f" copper {order.copper_um:g} ?m, one layer, {in_ascii(order.finish)};",
-            f" {order.mask} {order.coverlay_colour}; ",
-        ]
-        facts += [f" base {in_ascii(order.base)}; film {order.thickness_mm:g} thick in all "]
-    return [f"it lacks {fact.strip()!r}" for fact in facts if fact not in words]
 
 
 def _read_pdf(data: bytes) -> str:
