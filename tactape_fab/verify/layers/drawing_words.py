@@ -26,7 +26,7 @@ _HOLE_MM = 6e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Told:
-    """What a drawing tells besides places: `tape` is the only one, or the first of a panel."""
+    """Content of a drawing besides places: `tape` is the only one, or the first of a panel."""
 
     tape: Tape
     on_panel: bool

@@ -158,7 +158,7 @@ def _other_figures(text: str, pattern: str, right: tuple[str, ...]) -> Iterator[
 
 
 def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> Iterator[str]:
-    """What the assembly line is told otherwise than the placement list has it: frame, sense, side, parts and how many to buy."""
+    """Words to the assembly line that differ from its list: frame, sense, side, parts and how many to buy."""
     house = PLACEMENTS[assembly.format]
     sense = "clockwise" if house.clockwise else "counter-clockwise"
     as_listed = (assembly.format, house.unit, sense, "as in the Gerber files")
