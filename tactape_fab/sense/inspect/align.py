@@ -13,7 +13,9 @@ from tactape_fab.texture.frames import BoolArray, FloatArray
 
 _TUKEY = 4.5
 """Scatters from which on a sample counts for nothing: at 3 glare takes the ends of good parts, and places along them suffer."""
-_FLOOR = 0.35
+_FLOOR, _LEAST_SIGMA = 0.35, 0.02
+"""Least scatter of a sample, which would count for everything otherwise: of the usual one, and in units of contrast and
+brightness. Where most samples are cut, as on black film, the usual one is next to nothing."""
 _MOST_PATCHES = 200
 """For the correlation of residuals."""
 
@@ -74,9 +76,11 @@ def learn_template(channels: Samples, used: BoolArray) -> Template:
     value = np.median(channels, axis=0)
     # of a normal scatter the median deviation is 0.6745 sigma
     sigma = 1.4826 * np.median(np.abs(channels - value), axis=0)
-    # a sample that hardly scatters would count for everything
-    floor = _FLOOR * np.median(sigma[:, used])
-    return Template(value=value.astype(np.float64), sigma=np.maximum(sigma, max(floor, 1e-3)).astype(np.float64), used=used)
+    return Template(value=value.astype(np.float64), sigma=_not_too_small(sigma, used).astype(np.float64), used=used)
+
+
+def _not_too_small(sigma: npt.NDArray[Any], used: BoolArray) -> npt.NDArray[Any]:
+    return np.asarray(np.maximum(sigma, max(_FLOOR * float(np.median(sigma[:, used])), _LEAST_SIGMA)))
 
 
 def step(
@@ -135,7 +139,7 @@ def step(
         misfit=np.sqrt(np.square(left).mean(axis=1, dtype=np.float64)),
         gain=1.0 + solved[:, 3 if turns else 2],
         nuisance=np.sqrt(strength**2 + posterior)[k - extra :],
-        scatter=np.maximum(scatter, _FLOOR * np.median(scatter[:, template.used])),
+        scatter=_not_too_small(scatter, template.used),
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactape_fab.sense.inspect.align import Nuisance, Step, Template, gradients, learn_template, step
-from tactape_fab.sense.inspect.colours import Palette
+from tactape_fab.sense.inspect.colours import LIKE_BODY, Palette
 from tactape_fab.sense.inspect.film import symmetry_offset
 from tactape_fab.sense.inspect.patches import FINEST_PX_PER_MM, PatchGrid, Samples, patch_grid, sample
 from tactape_fab.sense.inspect.scan_files import Picture
@@ -314,7 +314,7 @@ def _centroids(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
     grid = patch_grid(reach, reach, min(warp.px_per_mm, 30.0))
     body = palette.bodyness(sample(picture, warp, sites_mm, 0.0, grid))
     near = (np.hypot(grid.a_mm, grid.b_mm) < reach).astype(np.float32)
-    body = np.where(body > 0.6, body, 0.0) * near
+    body = np.where(body > LIKE_BODY, body, 0.0) * near
     mass = body.sum(axis=1, dtype=np.float64)
     # missing parts have little of the colour, and must not lower what is usual
     usual = float(np.median(mass[mass > 0.3 * np.percentile(mass, 90)])) if mass.any() else 1.0

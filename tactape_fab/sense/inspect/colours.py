@@ -22,6 +22,11 @@ MOST_WHITE, _WHITE = 0.5, 250.0
 """Share of the parts' metal that may be white, and what is: at 1200 dpi places are off by 2.2 um rms with 0.01 (glare), 3.3 with
 0.3, 4.2 with 0.54, more than 5 from 0.66 on, where good parts are listed as well."""
 _MOST_SITES = 600
+_DARK_FILM = 0.7
+"""Least brightness of the unit that brightness is counted in, as a share of the metal's: amber film has 0.74. In units of green
+film, of 0.3, metal would be cut as glare is, hardly scatter, and 77 good parts of 393 look covered."""
+LIKE_BODY = 0.6
+"""Body-ness from which on a sample counts as body."""
 _SHADE = 0.65
 """Film in the shadow of a part, as a share of its brightness."""
 
@@ -48,12 +53,12 @@ class Palette:
         return (own / (own @ own)).astype(np.float32) if np.linalg.norm(own) > _LEAST_OWN else None
 
     def grey(self, samples: Samples) -> Samples:
-        """Brightness in units of the film's."""
-        return np.asarray(samples.mean(axis=-1) / np.float32(self.film.mean()))
+        """Brightness in units of the film's, or of a share of the metal's where film is darker."""
+        return np.asarray(samples.mean(axis=-1) / np.float32(max(self.film.mean(), _DARK_FILM * self.metal.mean())))
 
 
 def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -> Palette:
-    """Median colours at the centres of parts, on their ends, and midway between four grid points.
+    """Median colours at the centres of parts, on their ends, midway between four grid points, and in the openings beside parts.
 
     Raises SpecError if the scan is over-exposed, or bodies look like the film.
     """
@@ -61,12 +66,14 @@ def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -
     step = max(1, int(inside.sum()) // _MOST_SITES)
     cells, sites = tape.cells()[inside][::step], tape.part_xy_mm()[inside][::step]
     turn = tape.part.rotation_deg
-    small = patch_grid(0.12 * length, 0.2 * width, warp.px_per_mm)
-    axis = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
-    ends = np.concatenate([sites + 0.55 * length * axis, sites - 0.55 * length * axis])
+    small, narrow = (patch_grid(0.12 * length, share * width, warp.px_per_mm) for share in (0.2, 0.1))
+    along = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
+    across = np.array([-along[1], along[0]])
+    ends, sides = (np.concatenate([sites + arm, sites - arm]) for arm in (0.55 * length * along, 0.67 * width * across))
     # nothing stands midway between four grid points
     between = texture_to_board((cells + 0.5) * tape.pitch_mm, tape.board.texture_origin_mm)
-    seen = [sample(picture, warp, at, turn, small) for at in (sites, ends, between)]
+    places = ((sites, small), (ends, small), (between, small), (sides, narrow))
+    seen = [sample(picture, warp, at, turn, grid) for at, grid in places]
     white = float((seen[1].min(axis=2) >= _WHITE).mean())
     if white > MOST_WHITE:
         raise SpecError(
@@ -74,25 +81,29 @@ def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -
             "they seem; scan darker, without automatic levels"
         )
     # medians of a place, then of places: parts that are missing or covered do not count
-    body, metal, film = (np.median(np.median(each, axis=1), axis=0).astype(np.float64) for each in seen)
+    body, metal, film, beside = (np.median(np.median(each, axis=1), axis=0).astype(np.float64) for each in seen)
     if np.abs(body - film).max() < LEAST_CONTRAST:
         raise SpecError(
             f"bodies do not stand out from the film: {_rgb(body)} against {_rgb(film)}; scan in colour, with more light"
         )
-    return Palette(body=body, metal=metal, film=film, body_axis=_axis(body, metal, film))
+    axis = _axis(body, metal, film)
+    # gold in an opening of blue film would be body, and a place without a part full of it
+    if abs(axis[:3] @ beside + axis[3]) > LIKE_BODY:
+        axis = _axis(body, metal, film, beside)
+    return Palette(body=body, metal=metal, film=film, body_axis=axis)
 
 
 def _rgb(colour: FloatArray) -> str:
     return f"RGB {', '.join(f'{c:.0f}' for c in colour[::-1])}"
 
 
-def _axis(body: FloatArray, metal: FloatArray, film: FloatArray) -> FloatArray:
-    """Least squares with a little ridge: 1 on the body, 0 on film, film in shadow, metal and bright glare."""
-    rows = np.array([body, film, _SHADE * film, metal, np.minimum(1.3 * metal, 255.0)]) / 255.0
-    # four unknowns and five colours that are nearly in one plane: without the ridge the mixture would be of huge opposite weights
-    weight = np.array([4.0, 4.0, 1.0, 2.0, 1.0])[:, None]
+def _axis(body: FloatArray, metal: FloatArray, film: FloatArray, *beside: FloatArray) -> FloatArray:
+    """Least squares with a little ridge: 1 on the body, 0 on film, film in shadow, metal, bright glare and what else is named."""
+    rows = np.array([body, film, _SHADE * film, metal, np.minimum(1.3 * metal, 255.0), *beside]) / 255.0
+    # four unknowns and colours that are nearly in one plane: without the ridge the mixture would be of huge opposite weights
+    weight = np.array([4.0, 4.0, 1.0, 2.0, 1.0, *(2.0 for _ in beside)])[:, None]
     a = np.column_stack([rows, np.ones(len(rows))]) * weight
-    want = np.array([1.0, 0.0, 0.0, 0.0, 0.0])[:, None] * weight
+    want = np.eye(len(rows))[:, :1] * weight
     ridge = np.diag([0.03, 0.03, 0.03, 0.0]) ** 2 * 10.0
     axis = np.linalg.solve(a.T @ a + ridge, a.T @ want)[:, 0]
     axis[:3] /= 255.0

@@ -22,6 +22,7 @@ from tactape_fab.sense.inspect.wanted import WantedTape
 from tactape_fab.texture.as_built import AsBuilt, manifest_digest
 from tactape_fab.texture.manifest import read_any_manifest
 from tactape_fab.texture.panel_manifest import read_placed
+from tests import scans
 from tests.scans import Built, Picture, Scanner, assembled, scan
 from tests.thorough import only_thorough
 from tests.unit.sense.inspect.conftest import MISSING, SHIFTED, TOMBSTONED, TURNED, Scanned, write
@@ -141,6 +142,24 @@ def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_
     built = assembled(tape, missing=5, seed=1)
     (one,) = inspect_scans(write(tmp_path / "dull.png", scan(tape, built, Scanner(dpi=2400, glare=0.0), seed=1)), kit_40.path)
     assert [found.kind for found in one.deviations()] == ["missing"] * 5
+
+
+@pytest.mark.parametrize(
+    ("film", "opening"), [((28, 92, 48), (150, 140, 90)), ((30, 60, 130), (150, 140, 90)), ((70, 70, 72), (160, 145, 95))]
+)
+def test_films_of_other_colours_serve(
+    film: tuple[int, int, int], opening: tuple[int, int, int], kit_40: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Green, blue and black: metal is three times as bright as film, and gold in an opening is as far from blue as a body."""
+    monkeypatch.setattr(scans, "FILM", np.array(film, dtype=np.float64))
+    monkeypatch.setattr(scans, "BASE", np.array(opening, dtype=np.float64))
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, missing=5, seed=1)
+    path = write(tmp_path / "scan.png", scan(tape, built, Scanner(dpi=800), seed=1))
+    (one,) = inspect_scans(path, kit_40.path, tolerance_mm=0.25)
+    assert {d.kind for d in one.deviations()} <= {"missing", "tombstoned"}
+    np.testing.assert_array_equal(one.present, built.present)
+    assert rms(errors_um(one, built)) < 6.0
 
 
 def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
