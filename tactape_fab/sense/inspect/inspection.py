@@ -19,6 +19,7 @@ from tactape_fab.sense.inspect.film import fit_film
 from tactape_fab.sense.inspect.foreign import find_foreign
 from tactape_fab.sense.inspect.parallax import BEND_MM, bend_mm, without_parallax
 from tactape_fab.sense.inspect.patches import patch_grid, sample
+from tactape_fab.sense.inspect.registered import register_colours
 from tactape_fab.sense.inspect.result import DRIFT_MM, TOLERANCE_MM, TURN_TOLERANCE_DEG, Inspection, ScanFacts
 from tactape_fab.sense.inspect.scan_files import Picture
 from tactape_fab.sense.inspect.view import View, views_of
@@ -187,6 +188,8 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
     photo = photo or bend_mm(film.warp, sites) > BEND_MM  # lands, as the scatter of bodies bends a warp that is fitted to them
     if photo and len(sites) >= CAMERA_LANDS and film.warp.order < CAMERA_ORDER:
         film = fit_film(view.picture, film.warp.raised(CAMERA_ORDER), tape, palette, view.inside)
+    if not photo:
+        register_colours(view.picture, film.warp, tape, palette)
     bodies = fit_bodies(view.picture, film.warp, tape, palette, sites)
     upright, there = np.zeros(len(sites), dtype=bool), bodies.area >= LEAST_AREA
     gone = np.flatnonzero(~there)

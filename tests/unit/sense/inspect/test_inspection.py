@@ -162,6 +162,16 @@ def test_films_of_other_colours_serve(
     assert rms(errors_um(one, built)) < 6.0
 
 
+def test_colours_that_are_a_pixel_apart_move_no_part(scanned: Scanned, tmp_path: Path) -> None:
+    """Blue half a pixel up and red half a pixel down, as of three lines of sensors: all parts were 18 um off together."""
+    apart = scanned.picture.copy()
+    for channel, down_px in ((0, -0.5), (2, 0.5)):
+        move = np.array([(1.0, 0.0, 0.0), (0.0, 1.0, down_px)])
+        apart[..., channel] = cv2.warpAffine(apart[..., channel], move, apart.shape[1::-1], flags=cv2.INTER_CUBIC)
+    (one,) = inspect_scans(write(tmp_path / "apart.png", apart), scanned.kit)
+    assert np.abs(errors_um(one, scanned.built).mean(axis=0)).max() < 3.0
+
+
 def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
     grey = write(tmp_path / "grey.tif", cv2.cvtColor(scanned.picture, cv2.COLOR_BGR2GRAY))
     (one,) = inspect_scans(grey, scanned.kit)
