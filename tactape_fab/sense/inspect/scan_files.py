@@ -41,6 +41,7 @@ _MOST_CHUNKS = 100
 _REMEDY = "give a scan as TIFF, PNG or JPEG with 8 or 16 bits a channel"
 _WIDTH, _HEIGHT, _BITS, _RESOLUTION, _UNIT = 256, 257, 258, 282, 296
 """Tags of a TIFF."""
+_BIG_TIFF = (b"II+\x00", b"MM\x00+")
 _NO_UNIT, _INCH, _CENTIMETRE = 1, 2, 3
 _LUMINANCE_50 = (16, 11, 12, 14, 12, 10, 16, 14, 13, 14)
 """First entries of the luminance table at quality 50, in zigzag order (ITU-T T.81, table K.1); others are cut at 255."""
@@ -67,7 +68,8 @@ def read_header(data: bytes) -> ScanHeader:
     elif data[:4] in TIFF_SIGNATURES:
         header = _tiff(data)
     else:
-        raise SpecError(f"it is no picture; {_REMEDY}")
+        kind = "a BigTIFF" if data[:4] in _BIG_TIFF else "no TIFF, PNG or JPEG"
+        raise SpecError(f"it is {kind}; {_REMEDY}")
     width, height = header.width_px, header.height_px
     if width < LEAST_PX or height < LEAST_PX:
         raise SpecError(f"it has {width} x {height} px; give a scan of 600 to 4800 dpi")
@@ -112,8 +114,9 @@ def _bytes_of(path: Path) -> bytes:
 
 def _unpacked(data: bytes, header: ScanHeader) -> Picture:
     picture = unpacked(data, AS_STORED, "reading a scan")
-    shape = (header.height_px, header.width_px, 3)
-    if picture is None or picture.shape != shape or picture.dtype != np.uint8:
+    # of a TIFF that says it lies on its side, OpenCV swaps both whatever it is asked for; a scan may lie at any turn
+    shapes = [(header.height_px, header.width_px, 3), (header.width_px, header.height_px, 3)]
+    if picture is None or picture.shape not in shapes or picture.dtype != np.uint8:
         raise SpecError(f"it is damaged and cannot be unpacked; {_REMEDY}")
     return picture
 
@@ -173,6 +176,6 @@ def _tiff(data: bytes) -> ScanHeader:
     return ScanHeader(
         width_px=directory.value(_WIDTH),
         height_px=directory.value(_HEIGHT),
-        bits=directory.value(_BITS, 8),
+        bits=directory.value(_BITS, 1),
         dpi=None if unit == _NO_UNIT else _plausible(dpi),
     )

@@ -5,11 +5,13 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from tactape_fab import TapeSpec, make_kit
 from tactape_fab.base.errors import SpecError
@@ -69,6 +71,13 @@ def blocks_as_png(picture: Picture) -> bytes:
     return png(np.asarray(cv2.imdecode(np.frombuffer(jpeg(picture, 12), dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8))
 
 
+def one_bit(picture: Picture) -> bytes:
+    """Without the tag of bits a sample, of which TIFF 6.0 (section 8) says that there is one then."""
+    out = BytesIO()
+    Image.fromarray(picture).convert("1").save(out, "TIFF")
+    return out.getvalue()
+
+
 def brighter(picture: Picture, times: float, plus: float = 0.0) -> Picture:
     return np.asarray(np.clip(picture.astype(np.float32) * times + plus, 0, 255), dtype=np.uint8)
 
@@ -96,11 +105,13 @@ BAD: dict[str, tuple[Callable[[Picture], bytes], str, float | None, str]] = {
     "noise of no dpi": (noise, THIS, None, "no tag of the family tag36h11 is in it, and it does not say its dpi; give dpi=N"),
     "noise": (noise, THIS, 1200, "spots are no parts of tactape-s007"),
     "too few dpi": (shrunk, THIS, None, "fewer than 559; scan at 600 dpi or more"),
-    "no bytes": (lambda _: b"", THIS, None, "it is no picture"),
-    "text": (lambda _: b"no picture at all", THIS, None, "it is no picture"),
-    "PDF": (lambda _: b"%PDF-1.4", THIS, None, "it is no picture"),
-    "pickle": (lambda _: b"\x80\x04\x95pickle", THIS, None, "it is no picture"),
-    "numpy": (lambda _: b"\x93NUMPY\x01\x00", THIS, None, "it is no picture"),
+    "no bytes": (lambda _: b"", THIS, None, "it is no TIFF, PNG or JPEG"),
+    "text": (lambda _: b"no picture at all", THIS, None, "it is no TIFF, PNG or JPEG"),
+    "PDF": (lambda _: b"%PDF-1.4", THIS, None, "it is no TIFF, PNG or JPEG"),
+    "pickle": (lambda _: b"\x80\x04\x95pickle", THIS, None, "it is no TIFF, PNG or JPEG"),
+    "numpy": (lambda _: b"\x93NUMPY\x01\x00", THIS, None, "it is no TIFF, PNG or JPEG"),
+    "BigTIFF": (lambda _: b"II+\x00\x08\x00", THIS, None, "it is a BigTIFF; give a scan as TIFF, PNG or JPEG"),
+    "TIFF of one bit": (one_bit, THIS, None, "it has 1 bits a channel; give a scan as TIFF, PNG or JPEG with 8 or 16"),
     "cut off": (lambda p: png(p)[:3000], THIS, None, "damaged"),
     "tiny": (lambda p: png(p[:40, :40]), THIS, None, "it has 40 x 40 px; give a scan of 600 to 4800 dpi"),
     "16k x 16k bomb": (lambda _: bomb(16_000, 16_000), THIS, None, "it has 16000 x 16000 px, more than 250 million px"),

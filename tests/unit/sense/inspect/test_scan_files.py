@@ -45,6 +45,14 @@ def test_16_bits_a_channel_serve(tmp_path: Path) -> None:
     assert np.abs(picture.astype(int) - PICTURE).max() <= 1
 
 
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_tiff_that_lies_on_its_side_serves(orientation: int, tmp_path: Path) -> None:
+    """Orientation is that of TIFF 6.0, page 36."""
+    Image.fromarray(PICTURE).save(tmp_path / "side.tif", tiffinfo={274: orientation})
+    picture, _ = read_scan(tmp_path / "side.tif")
+    assert sorted(picture.shape) == sorted(PICTURE.shape)
+
+
 @pytest.mark.parametrize(
     "data",
     [
