@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,8 @@ _BLANK_BYTES, _MOST_PACKED = 1 << 28, 100
 _THRIFT = {"thrift_string_size_limit": 1 << 27, "thrift_container_size_limit": 1 << 22}
 _ROWS, _VALUES = 8, 1 << 22
 """Rows that are read at once, and values of arrays in them: equal ones take no room in a file, however many they are."""
+_TIMES_UNPACKED, _ROOM_BYTES = 6, 1 << 30
+"""Memory that rows of a group may take while they are read: so many times what they say to unpack to, and so much beside."""
 _TABLES = "data/**/*.parquet"
 _UNSURE = "than its tables have rows, so that no image's time is sure; record it again, or leave out that episode"
 _FLOATS = ("float32", "float64", "uint16", "int16")
@@ -97,7 +101,39 @@ def _batches(folder: Path, columns: list[str], rows: int = _ROWS) -> Iterator[An
                 # no .column(k): a wrong size there is thrown through Cython, which ends the process (pyarrow 26.0.1)
                 if file.metadata.row_group(group).total_byte_size > most:
                     raise SpecError(f"rows of {path.name} unpack to more than {most} bytes at once; write smaller groups")
-            yield from file.iter_batches(batch_size=rows, columns=columns)
+            if file.schema_arrow.field("timestamp").type.num_fields:
+                raise SpecError(f"timestamps in {path.name} are no numbers; write one for each row")
+            batches = file.iter_batches(batch_size=rows, columns=columns)
+            while True:
+                with _within(_TIMES_UNPACKED * most + _ROOM_BYTES, path):
+                    batch = next(batches, None)
+                if batch is None:
+                    break
+                yield batch
+
+
+@contextmanager
+def _within(most_bytes: int, path: Path) -> Iterator[None]:
+    """Bound the memory that this process may take beside what it has; on Linux alone.
+
+    A list of a thousand million equal values takes no room in a file, counts nothing in its sizes, and pyarrow unpacks it.
+    Raises SpecError where it does not suffice.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    import resource
+
+    taken_bytes = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    bound = taken_bytes + most_bytes
+    resource.setrlimit(resource.RLIMIT_AS, (bound if soft == resource.RLIM_INFINITY else min(soft, bound), hard))
+    try:
+        yield
+    except MemoryError as error:
+        raise SpecError(f"a row of {path.name} unpacks to far more than its file has; write it again") from error
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def _rows(folder: Path, topic: str, feature: dict[str, Any], colour: bool) -> Iterator[Stamped]:

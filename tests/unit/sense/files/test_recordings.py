@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner, Result
 from mcap.reader import make_reader
@@ -27,6 +28,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode, StoragePlu
 from rosbags.typesys import Stores, get_typestore
 
 from tactape_fab import Kit
+from tactape_fab.base import launch
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.base.libraries import library
 from tactape_fab.cli import main
@@ -247,6 +249,30 @@ def test_equal_images_are_not_unpacked_without_end(tmp_path: Path, monkeypatch: 
     column = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(400 * one.size, np.float32)), one.size)
     with pytest.raises(SpecError, match="unpack to far more bytes"):
         open_recording(dataset(tmp_path / "arrays", {"dtype": "float32", "shape": list(SHAPE)}, column, count=400), SENSOR)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is bounded on Linux alone")
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [
+        ("touch", r"a row of file-000\.parquet unpacks to far more than"),
+        ("timestamp", r"timestamps in file-000\.parquet are no num"),
+    ],
+)
+def test_a_list_without_end_is_refused(column: str, said: str, small_kit: Kit, tmp_path: Path) -> None:
+    """Equal values take no room in a file, and are counted in none of its sizes. Read in a process that has no room left over."""
+    folder = dataset(tmp_path / "set", {"dtype": "float32", "shape": list(SHAPE)}, None)
+    count = 20_000_000
+    endless = pa.LargeListArray.from_arrays(pa.array([0, count], pa.int64()), pa.array(np.zeros(count, dtype=np.float32)))
+    table = pa.table({"touch": [[0.0]], "timestamp": [0.0]} | {column: endless})
+    pq.write_table(table, folder / "data" / "chunk-000" / "file-000.parquet", compression="zstd")
+    program = (
+        "import sys; from tactape_fab.cli import main; from tactape_fab.sense.files import lerobot_dataset as d; "
+        "d._BLANK_BYTES, d._ROOM_BYTES = 1 << 20, 1 << 25; main(sys.argv[1:])"
+    )
+    words = ("decode", str(folder), "--tape", str(small_kit.path))
+    done = launch.run(launch.python_command(program, *words), timeout_s=100.0, scratch=tmp_path)
+    assert done.returncode == 2 and re.search(said, done.stderr), done.stderr
 
 
 def test_large_arrays_are_read_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
