@@ -254,6 +254,15 @@ def coupon_panel(once: Once) -> PanelKit:
 
 
 @pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty current folder."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
 def copied(tmp_path: Path) -> Callable[[Kit | PanelKit], Path]:
     """Copy a kit to a folder of the test's own, to be changed."""
 

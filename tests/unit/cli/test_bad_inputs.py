@@ -337,15 +337,6 @@ def refuse(folder: Path, case: Case) -> str:
     return result.stderr
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty current folder."""
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    return folder
-
-
 @pytest.mark.parametrize("case", OPTIONS, ids=[case.args[:60] for case in OPTIONS])
 def test_a_bad_option_is_refused_with_value_limit_and_remedy(case: Case, here: Path) -> None:
     refuse(here, case)

@@ -19,15 +19,6 @@ CELL = "use 1 to 80 letters, digits, spaces and ._()/#+-"
 LCSC = "a C and up to 10 digits"
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty current folder."""
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    return folder
-
-
 def run(args: str) -> Result:
     return CliRunner().invoke(main, shlex.split(args))
 

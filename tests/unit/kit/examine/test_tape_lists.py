@@ -14,14 +14,6 @@ from tactape_fab.kit.examine.tape_lists import list_tapes
 USAGE, RULES = 2, 3
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    return folder
-
-
 def refuse(folder: Path, args: str, status: int) -> list[str]:
     """Lines of a refusal that wrote nothing."""
     before = sorted(folder.rglob("*"))
