@@ -106,6 +106,8 @@ def test_turns_of_several_scans_are_averaged_as_axes(turns_deg: tuple[float, ...
     found = _merged(wanted, views, 0.05, 10.0)  # type: ignore[arg-type]
     apart = (found.turn_deg - mean_deg + 90.0) % 180.0 - 90.0
     assert np.allclose(apart, 0.0, atol=1e-9) and np.abs(found.turn_deg).max() <= 90.0
+    # what metal and solder draw to one side is the same in all
+    assert np.allclose(found.sigma_mm, np.hypot(0.01, DRIFT_MM))
 
 
 @pytest.mark.parametrize(("dpi", "scanned_deg"), [(600.0, 0.7), (800.0, 90.0)])
