@@ -48,7 +48,8 @@ def _beside(path: Path) -> tuple[Path, Path]:
 def write_profile(path: Path, found: Calibration) -> list[Path]:
     """Write the sensor profile, its mask where there is one, and the hand-eye answer where there is one; the files written.
 
-    Each gets its name when it is complete; the profile last, and only if `load_sensor` reads it.
+    They get their names when all are complete and `load_sensor` reads the profile, which gets its own last: an older profile
+    keeps its mask where there is no room for a new one.
 
     Raises TactapeError.
     """
@@ -59,17 +60,22 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
     if found.hand_eye is not None:
         files[hand_eye] = (json.dumps(found.hand_eye.to_mapping(), indent=1) + "\n").encode()
     files[path] = profile_text(found, mask.name).encode()
-    for at, data in files.items():
-        partial = unfinished(at).with_suffix(at.suffix)  # by which `load_sensor` knows a file
-        try:
-            partial.write_bytes(data)
-            if at == path:
-                load_sensor(partial)
+    partials = {at: unfinished(at).with_suffix(at.suffix) for at in files}  # by its suffix `load_sensor` knows a file
+    at = path
+    try:
+        for at, data in files.items():
+            partials[at].write_bytes(data)
+        if mask in partials:
+            partials[path].write_bytes(profile_text(found, partials[mask].name).encode())
+        load_sensor(partials[path])
+        partials[path].write_bytes(files[path])
+        for at, partial in partials.items():
             partial.replace(at)
-        except OSError as error:
-            said = f"output = {shown_path(at)} cannot be written: {reason_of(error)}"
-            raise TactapeError(f"{said}; what stood there is as it was; use another place") from error
-        finally:
+    except OSError as error:
+        said = f"output = {shown_path(at)} cannot be written: {reason_of(error)}"
+        raise TactapeError(f"{said}; what stood there is as it was; use another place") from error
+    finally:
+        for partial in partials.values():
             with suppress(OSError):
                 partial.unlink()
     return list(files)

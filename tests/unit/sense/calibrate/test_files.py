@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from functools import cache
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import SpecError
+from tactape_fab.base.errors import TactapeError
 from tactape_fab.sense import Calibration, calibrate_sensor, load_sensor
 from tactape_fab.sense.calibrate.files import MARK, checked_output, write_profile
 from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals, write_pictures
@@ -40,6 +43,24 @@ def test_the_profile_is_read_back_as_it_was_found(tmp_path: Path) -> None:
     text = (tmp_path / "mine.toml").read_text()
     assert text.startswith(MARK) and all(f"# {q.name} = " in text for q in found.quantities)
     json.dumps(found.to_mapping(), allow_nan=False)
+
+
+def test_an_older_profile_keeps_its_mask_where_a_new_one_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("mine-mask.png", "mine.toml"):
+        (tmp_path / name).write_bytes(b"older")
+    write = Path.write_bytes
+
+    def full(path: Path, data: bytes) -> int:
+        if path.suffix == ".toml":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(TactapeError, match="No space left on device; what stood there is as it was"):
+        write_profile(tmp_path / "mine.toml", blind_left())
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"mine-mask.png": b"older", "mine.toml": b"older"}
 
 
 def test_only_a_calibrated_profile_is_replaced(tmp_path: Path) -> None:
