@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.blas import one_thread
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_value import as_numbers, refuse_other
@@ -53,6 +54,7 @@ SURE_LENS = 3.0
 FOLDS = 5
 
 
+@one_thread()
 def calibrate_sensor(
     frames: Iterable[npt.ArrayLike],
     tapes: TapeLike | Iterable[TapeLike],
