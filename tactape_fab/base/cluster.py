@@ -17,7 +17,7 @@ from importlib.metadata import version
 from types import TracebackType
 from typing import Any, TypeVar
 
-from tactape_fab.base.errors import LostProcessError, TactapeError
+from tactape_fab.base.errors import LostProcessError, TactapeError, reason_of
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.libraries import library, versions_in_kits
 from tactape_fab.base.version import __version__
@@ -52,6 +52,7 @@ class ClusterPool(Executor):
         distributed = library("distributed", f"--workers {address}")
         for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters of their logs is raised
+        _refuse_no_certificate(distributed, address)
         try:
             self._client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -118,6 +119,20 @@ class ClusterPool(Executor):
 
     def _lost(self) -> LostClusterError:
         return LostClusterError(f"the scheduler {self.address} was lost; what is done stays, so start it and ask for the rest")
+
+
+def _refuse_no_certificate(distributed: Any, address: str) -> None:
+    """Refuse tls:// without certificates, of which Dask raises a TypeError, and hangs. Raises LostClusterError."""
+    if not address.startswith("tls://"):
+        return
+    try:
+        found = distributed.Security().get_connection_args("client").get("ssl_context")
+        why = "Dask's settings name no certificates" if found is None else None
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        why = f"the certificates of Dask's settings cannot be read: {reason_of(error)}"
+    if why is not None:
+        files = ", ".join(f"DASK_DISTRIBUTED__COMM__TLS__{name}" for name in ("CA_FILE", "CLIENT__CERT", "CLIENT__KEY"))
+        raise LostClusterError(f"{address} cannot be asked: {why}; name the files in {files}")
 
 
 def _own() -> dict[str, str]:

@@ -22,6 +22,7 @@ import pytest
 from tactape_fab.base import cluster
 from tactape_fab.base.cluster import ClusterPool, LostClusterError, OtherWorkerError, _called
 from tactape_fab.base.jit import COMPILED
+from tactape_fab.base.libraries import library
 from tactape_fab.base.pool import mapped
 from tests.thorough import only_thorough
 from tests.unit.base.test_mapped import drawn
@@ -128,6 +129,27 @@ def test_no_scheduler_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> No
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     with pytest.raises(LostClusterError, match=rf"^no scheduler answers at {address} within 1 s; start one with: dask scheduler"):
         list(mapped(drawn, range(2), address))
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({}, "Dask's settings name no certificates"),
+        ({"ca-file": "none.pem", "client": {"cert": "none.pem", "key": None}}, "cannot be read: No such file or directory"),
+    ],
+)
+def test_tls_without_certificates_is_refused_before_anything_is_asked(settings: dict[str, object], said: str) -> None:
+    import dask
+
+    library("distributed", "this test")  # its settings come with it
+    usual = {"ca-file": None, "client": {"cert": None, "key": None}}
+    with (
+        dask.config.set({f"distributed.comm.tls.{key}": value for key, value in (usual | settings).items()}),
+        pytest.raises(
+            LostClusterError, match=rf"^tls://127\.0\.0\.1:1 cannot be asked: .*{said}; name the files in DASK_\w+__CA_FILE"
+        ),
+    ):
+        ClusterPool("tls://127.0.0.1:1")
 
 
 def test_a_worker_of_another_version_is_refused() -> None:
