@@ -239,7 +239,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "ragged scale": (lambda: Localizer(TAPE, replace(load_sensor("digit"), px_per_mm=of(RAGGED))), r"px_per_mm\[0\] = \[1, 2\]"),
     "space": (lambda: board_to_texture([1.0, 2.0, 3.0], (0.0, 0.0)), "^xy_mm or texture_origin_mm is no point: give points of"),
     "to space": (lambda: texture_to_board([[1.0, 2.0, 3.0]], (0.0, 0.0)), "^xy_mm or texture_origin_mm is no point: give points"),
-    "share": (lambda: Localizer(TAPE, unregistered_share=1e-320), "^unregistered_share = .*e-321 is below 1e-200; give a probab"),
+    "share": (lambda: Localizer(TAPE, unregistered_share=1e-320), "^unregistered_share = .*e-321 is below 1e-300; give a probab"),
     "no manifest": (lambda: TAPE.with_as_built(of(3)), "^manifest = 3 is no path; give the manifest.json of a kit, as a text"),
     "frame": (lambda: FIX.to_mapping(of("x")), "^frame = 'x' is no index; give a whole number, or leave it out$"),
     "long code": (lambda: default_origin("x" * 5000, 7), r"^code = 'x{56}\.\.\. is none of: "),

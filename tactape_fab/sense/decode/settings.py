@@ -26,7 +26,7 @@ USUAL: Mapping[str, Any] = {
     "refine": None,
 }
 """Every setting, and its value where none is given."""
-_LEAST_SHARE = 1e-200
+_LEAST_SHARE = 1e-300
 _SHARES = ("max_p_false", "max_p_tape", "unregistered_share")
 _OF_TAPES = ("world", "max_p_tape", "unregistered_share", "refine")
 
