@@ -60,7 +60,8 @@ def shows_bodies(image: np.ndarray, shown: Pictured) -> bool:
 def png_problem(image: np.ndarray, shown: Pictured) -> str | None:
     """Why a picture is not of these parts; None if each has a body's colour in its middle and another one beside it."""
     scale, (width, height) = px_per_mm(image, shown), shown.size_mm
-    if np.abs(np.array([width, height]) + 2 * MARGIN_MM - np.array(image.shape[1::-1]) / scale).max() * scale > 1.0:
+    # the shorter side is rounded up as well: a whole pixel, and the half by which the scale may be off
+    if np.abs(np.array([width, height]) + 2 * MARGIN_MM - np.array(image.shape[1::-1]) / scale).max() * scale > 1.5 + 1e-6:
         return f"the PNG is not in the proportions of {width:g} x {height:g} mm"
     if not shows_bodies(image, shown):
         return None

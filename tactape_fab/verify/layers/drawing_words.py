@@ -10,6 +10,7 @@ import numpy as np
 
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.texture.cpl import PLACEMENTS
+from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
 from tactape_fab.verify.layers.job_file import FabOrder
@@ -80,7 +81,8 @@ def _pieces(
         yield rf"radius {radius_mm:g} \(4x\)"
     yield "Grey: the field of parts. Nothing may be added there." + " Short dashes: where a number may be printed." * dashes
     yield rf"A: the first parts, {_F}:1 W {tape.pitch_mm:.4g}(?: R\d+)*"
-    yield rf"Circle: land 1. Each part stands {tape.displacement_mm:.4g} N, S, E or W of its grid point: do not align them\."
+    ways = "N, S, E or W" if tape.directions == USUAL_DIRECTIONS else f"in one of {tape.directions} directions"
+    yield rf"Circle: land 1. Each part stands {tape.displacement_mm:.4g} {ways} of its grid point: do not align them\."
     first_deg = float(expected.rotation_deg[0])
     yield rf"B: one part {f'{first_deg:g}[?] ' * (first_deg > 0)}1 {length}"
     yield rf"Body {length} x {width} x {height}; (?:one window in the {mask} for all parts|{mask} opening {_F} x {_F});"
