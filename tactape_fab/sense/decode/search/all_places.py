@@ -16,11 +16,9 @@ from tactape_fab.sense.decode.search.many_tapes import choose, known_lines, many
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.sense.decode.search.tally import (
     BEST,
-    BOUNDED,
     FITS,
     LEAST_SHARE,
     ROUNDING,
-    TOTAL,
     Buffers,
     Candidate,
     ManyBuffers,
@@ -28,7 +26,7 @@ from tactape_fab.sense.decode.search.tally import (
     count_bound,
     least_of,
     say_group,
-    start_anew,
+    says_nothing,
     weigh_known,
     weigh_site,
 )
@@ -77,11 +75,8 @@ def _weigh(
     # nothing that fits is known: beside so poor a place none could be left out. First the best one alone, then, if it fits, all
     for left in range(searches, 0, -1):
         _weigh_groups(tables, sites, groups, weights, tally, buffers, many, barred, holed, left == 2)
-        if left == 2 and tally.sums[BEST] < tally.sums[FITS]:
-            tally.sums[TOTAL], tally.sums[BOUNDED] = np.inf, 0.0
+        if left == 2 and says_nothing(tally):
             break
-        if left == 2:
-            start_anew(tally)
 
 
 @inlined_kernel()

@@ -23,16 +23,14 @@ from tactape_fab.sense.decode.search.evidence import Tables
 from tactape_fab.sense.decode.search.single_place import NO_PART
 from tactape_fab.sense.decode.search.tally import (
     BEST,
-    BOUNDED,
     FAR_BELOW,
     FITS,
     LEFT_OUT,
-    TOTAL,
     Tally,
     count_at,
     count_bound,
     least_of,
-    start_anew,
+    says_nothing,
 )
 from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 
@@ -253,11 +251,8 @@ def _weigh(
                 if base[turn, over] > _EVIDENT:
                     likelihood = max(likelihood, bound - base[turn, over] + cue[turn])
         count_bound(np.exp(places + bound - tally.sums[BEST]), likelihood, tally.sums)
-        if left == 2 and tally.sums[BEST] < tally.sums[FITS]:
-            tally.sums[TOTAL], tally.sums[BOUNDED] = np.inf, 0.0
+        if left == 2 and says_nothing(tally):
             break
-        if left == 2:
-            start_anew(tally)
 
 
 @inner_kernel()

@@ -55,12 +55,19 @@ def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: fl
 
 
 @inner_kernel()
-def start_anew(tally: Tally) -> None:
-    """Forget all places but the best weight, which stays as a floor: that place is found again."""
+def says_nothing(tally: Tally) -> bool:
+    """Whether a search that ends, for the best place alone, is the last one, as that place says nothing.
+
+    Else all is forgotten but the best weight, which stays as a floor: its place is found again.
+    """
+    if tally.sums[BEST] < tally.sums[FITS]:
+        tally.sums[TOTAL], tally.sums[BOUNDED] = np.inf, 0.0
+        return True
     tally.sums[TOTAL] = tally.sums[BOUNDED] = 0.0
     tally.sums[STRONGEST] = tally.sums[NEXT_STRONGEST] = tally.sums[LEFT_OUT] = -np.inf
     for k in range(6):
         tally.best_place[k] = tally.strongest_place[k] = -1
+    return False
 
 
 class Candidate(NamedTuple):
