@@ -258,9 +258,10 @@ def check_attributes(
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
                 problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
-    # equal values of .SameCoordinates say that layers fit on each other as they are; a drill file has it in a comment
+    # equal values of .SameCoordinates say that layers fit on each other as they are; a drill file has it in a comment,
+    # and a value without its end belongs to a file that was cut, which its own line says
     drawn = [files[role].data for role in (*gerbers, "drill-npth") if role in files]
-    if len({origin for data in drawn for origin in re.findall(rb"TF\.SameCoordinates,([^*\n]*)", data)}) > 1:
+    if len({origin for data in drawn for origin in re.findall(rb"TF\.SameCoordinates,([^*\r\n]*)[*\r\n]", data)}) > 1:
         problems.append("the layers have different .SameCoordinates")
     message = named(problems) if problems else "names and file functions as the roles, MD5 signatures right"
     return Check(name="attributes", passed=not problems, message=message)
