@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import socket
 import sysconfig
@@ -9,6 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from math import log10
 from pathlib import Path
+from threading import Thread
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
@@ -102,11 +104,25 @@ class RerunLog:
         try:
             self._recording.flush(timeout_sec=_PATIENCE_S)
         except RuntimeError as error:
-            if self._save is not None and not (self._show and "File" not in str(error)):
+            # a viewer that was closed is told as such; a file that cannot be written may be told by nothing but the time
+            if self._save is not None and not (self._show and "gRPC" in str(error)):
                 message = f"save {shown_path(self._save)} cannot be written: {reason_of(error)}; use another place"
                 raise TactapeError(message) from error
         finally:
-            self._recording.disconnect()
+            self._disconnect()
+
+    def _disconnect(self) -> None:
+        """Close what Rerun has open, if it can.
+
+        Its thread that writes a file ends where that fails, and now and then leaves behind, unanswered, what asked it to flush
+        (0.41: two of three times where a burst of frames did not fit): closing, and what Rerun does at the interpreter's end,
+        would then wait for ever.
+        """
+        closing = Thread(target=self._recording.disconnect, daemon=True)
+        closing.start()
+        closing.join(_PATIENCE_S)
+        if closing.is_alive():
+            atexit.unregister(self._rr.rerun_shutdown)
 
     def write(self, located: Located) -> bool:
         """Show a frame and its answer."""

@@ -12,6 +12,8 @@ import sysconfig
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -20,7 +22,7 @@ import numpy.typing as npt
 import pytest
 from click.testing import CliRunner, Result
 
-from tactape_fab import Kit
+from tactape_fab import Kit, TactapeError
 from tactape_fab.cli import main
 from tactape_fab.sense import simulate_frames
 from tactape_fab.sense.files.jobs import localize, prepare
@@ -171,6 +173,32 @@ def test_a_file_that_does_not_fit_is_an_error(recording: Path, default_kit: Kit,
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert result.exit_code == 1
     assert f"save {tmp_path}/a.rrd cannot be written" in result.stderr and "; use another place" in result.stderr
+
+
+def unanswered(**_: object) -> None:
+    raise RuntimeError("Flush timed out - not all log messages were sent")
+
+
+@pytest.mark.parametrize("show", [False, True])
+def test_a_file_thread_that_ended_holds_nothing_up(
+    show: bool, recording: Path, default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rerun's own thread may end before it answers: then closing, and Rerun's end with the interpreter, do not return."""
+    monkeypatch.setattr(rerun_log, "_PATIENCE_S", 0.05)
+    job = prepare([str(recording / "slide.npz")], [str(default_kit.path)], "gelsight-mini")
+    log = RerunLog(job.tapes, job.sensor, save=tmp_path / "a.rrd", show=False)
+    own, ended = log._recording, Event()
+    forgotten: list[Any] = []
+    monkeypatch.setattr(log, "_recording", SimpleNamespace(flush=unanswered, disconnect=ended.wait))
+    monkeypatch.setattr(log, "_show", show)
+    monkeypatch.setattr("atexit.unregister", forgotten.append)
+    try:
+        with pytest.raises(TactapeError, match=r"a\.rrd cannot be written"):
+            log.close()
+        assert forgotten == [log._rr.rerun_shutdown]
+    finally:
+        ended.set()
+        own.disconnect()
 
 
 def test_a_name_of_any_kind_is_one_entity(recording: Path, default_kit: Kit, tmp_path: Path) -> None:
