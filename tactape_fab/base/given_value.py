@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,8 @@ def refuse_other(value: object, kind: type | tuple[type, ...], key: str, what: s
 
 def unmasked(value: Any) -> Any:
     """Values with NaN for those that a masked array masks; all others unchanged."""
-    if not isinstance(value, np.ma.MaskedArray) or value.dtype.kind not in "fiub":
+    # numpy 2 loads `ma` where it is first named, in 12 ms: before that there is no masked array
+    if "numpy.ma" not in sys.modules or not isinstance(value, np.ma.MaskedArray) or value.dtype.kind not in "fiub":
         return value
     return np.where(np.ma.getmaskarray(value), np.nan, value.data)
 
