@@ -92,10 +92,7 @@ def _as_of_a_tape(seen: Seen, raw: Dots, pitch_px: float) -> bool:
     """Whether dots stand where those of some tape do: displaced from the points of a grid, as far as the tapes' parts."""
     dots = settled(raw, pitch_px, seen.view.shift)
     xy, strength = _centred(dots)
-    found = find_lattices(xy, strength, pitch_px, _FOUND_TO, 1)
-    if len(found) == 0:
-        return False
-    angle, pitch, phase_a, phase_b, _ = found[0].tolist()
+    (angle, pitch, phase_a, phase_b, _), *_ = find_lattices(xy, strength, pitch_px, _FOUND_TO, 1).tolist()
     shift, directions = seen.view.shift, seen.view.directions
     return fit_grid(xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, shift, True, directions).expected
 

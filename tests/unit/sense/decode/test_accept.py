@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import degrees, log, nan, pi
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,11 @@ import pytest
 
 from tactape_fab import Localizer, Tape
 from tactape_fab.sense.decode import accept
-from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _refusal, accept_place
+from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _on_tape, _refusal, accept_place
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.rank import Reading
-from tactape_fab.sense.decode.rule import LEAST_DOTS, MISREAD_SHARE, Limits
+from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, MISREAD_SHARE, Limits
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import PlanePlace
 from tactape_fab.sense.decode.search.search import Place, Rivals
@@ -222,6 +223,16 @@ def test_an_answer_in_the_plane_of_a_code_names_no_tape() -> None:
     said = _described(place, SequencePlane(code, 64), np.array([5, 3]), np.zeros(2), POSE_OF)
     assert (said["sector"], said["index"], said["plane_mm"]) == (33, (5, 3), (12.0, 7.5))
     assert not {"tape", "cell", "position_mm", "board_mm"} & set(said)
+
+
+def test_dots_in_a_code_s_plane_are_good_above_the_limit() -> None:
+    trust = np.array([0.0, 0.5 * GOOD_TRUST, GOOD_TRUST, np.nextafter(GOOD_TRUST, 1.0), 1.0])
+    bits = np.zeros(5, dtype=np.int64)
+    at: dict[str, Any] = {"score": 50.0, "weight": 0.0, "turn": 0, "sector": 33, "others": 0.0, "lead": 9.0}
+    place = PlanePlace(**at, cells=np.zeros((5, 2), dtype=np.int64), x_bits=bits, y_bits=bits)
+    view: Any = SimpleNamespace(pitch_mm=W, displacement_mm=DELTA, centre_px=np.zeros(2))
+    on = _on_tape(Dots(xy_px=np.zeros((5, 2)), weights=np.ones(5), trust=trust), place, view)
+    assert on.good == 2 and on.weights == pytest.approx([0.0, 0.5, 1.0, 1.0, 1.0])
 
 
 def test_half_a_contact_may_hang_over_the_edge() -> None:
