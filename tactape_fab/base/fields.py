@@ -117,21 +117,7 @@ class Fields:
         if key not in self.values:
             self._missing(key, f"a number in {unit}" if unit else "a number")
             return default
-        return self._number(key, self.values[key], low, high, above, below, unit, remedy, default)
-
-    def _number(
-        self,
-        key: str,
-        value: object,
-        low: float,
-        high: float,
-        above: float,
-        below: float,
-        unit: str,
-        remedy: str,
-        default: float,
-    ) -> float:
-        of_unit = f" {unit}" if unit else ""
+        value, of_unit = self.values[key], f" {unit}" if unit else ""
         then = f"; {remedy or 'give ' + _range_text(low, high, above, below, of_unit)}"
         # bool is a subclass of int: true would be 1
         if isinstance(value, bool) or not isinstance(value, Real):
@@ -168,27 +154,32 @@ class Fields:
     ) -> tuple[float, ...]:
         """A sequence of exactly `count` finite numbers, each within the same bounds."""
         fallback = tuple(default) if default is not None else (math.nan,) * count
-        if key not in self.values:
-            self._missing(key, f"{count} numbers in {unit}" if unit else f"{count} numbers")
+        each = self._each(key, count, "numbers", f" in {unit}" if unit else "", remedy)
+        if each is None:
             return fallback
+        both = zip(each.values, fallback, strict=True)
+        return tuple(
+            each.number(name, low=low, high=high, above=above, unit=unit, remedy=remedy, default=other) for name, other in both
+        )
+
+    def _each(self, key: str, count: int, what: str, of_unit: str, remedy: str) -> Fields | None:
+        """The items of a sequence of exactly `count`, each under a key of its own, as ``size_mm[0]``; None if it is none."""
+        if key not in self.values:
+            self._missing(key, f"{count} {what}{of_unit}")
+            return None
         value = self.values[key]
         # a string is a sequence, too: of three letters
         if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
-            self.problem(key, f"{key} = {shown(value)} is not {count} numbers; {remedy or f'give a list of {count}'}")
-            return fallback
-        return tuple(
-            self._number(f"{key}[{i}]", v, low, high, above, math.inf, unit, remedy, fallback[i]) for i, v in enumerate(value)
-        )
+            self.problem(key, f"{key} = {shown(value)} is not {count} {what}; {remedy or f'give a list of {count}'}")
+            return None
+        return Fields({f"{key}[{i}]": item for i, item in enumerate(value)}, self.where, self.problems)
 
     def integer(self, key: str, *, low: int, high: int, remedy: str = "", default: int = 0) -> int:
         """A whole number with low <= value <= high."""
         if key not in self.values:
             self._missing(key, f"a whole number from {low} to {high}")
             return default
-        return self._integer(key, self.values[key], low, high, remedy, default)
-
-    def _integer(self, key: str, value: object, low: int, high: int, remedy: str, default: int) -> int:
-        then = f"; {remedy or f'give one from {low} to {high}'}"
+        value, then = self.values[key], f"; {remedy or f'give one from {low} to {high}'}"
         if isinstance(value, bool) or not isinstance(value, Integral):
             self.problem(key, f"{key} = {shown(value)} is not a whole number{then}")
             return default
@@ -203,14 +194,11 @@ class Fields:
     ) -> tuple[int, ...]:
         """A sequence of exactly `count` whole numbers, each within the same bounds."""
         fallback = tuple(default) if default is not None else (low,) * count
-        if key not in self.values:
-            self._missing(key, f"{count} whole numbers")
+        each = self._each(key, count, "whole numbers", "", remedy)
+        if each is None:
             return fallback
-        value = self.values[key]
-        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
-            self.problem(key, f"{key} = {shown(value)} is not {count} whole numbers; {remedy or f'give a list of {count}'}")
-            return fallback
-        return tuple(self._integer(f"{key}[{i}]", v, low, high, remedy, fallback[i]) for i, v in enumerate(value))
+        both = zip(each.values, fallback, strict=True)
+        return tuple(each.integer(name, low=low, high=high, remedy=remedy, default=other) for name, other in both)
 
     def text(
         self,
