@@ -8,9 +8,9 @@ from math import ceil, floor, pi
 import numpy as np
 
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mark import Mark, back_mm, floor_mm, mark_of
-from tactape_fab.solids.step.mark_faces import Back, entities_of_mark, mark_faces
-from tactape_fab.solids.step.part21 import Step, Writer, real, reversed_steps, wrapped_names
+from tactape_fab.solids.mark import Mark
+from tactape_fab.solids.step.mark_faces import MarkedBase, entities_of_mark
+from tactape_fab.solids.step.part21 import Writer, real, wrapped_names
 from tactape_fab.solids.step.tiles import CELLS_PER_TILE
 from tactape_fab.solids.wrap import Wrap
 from tactape_fab.texture.frames import FloatArray
@@ -49,18 +49,16 @@ def strip_angles(tape: Tape, form: SolidForm, wrap: Wrap) -> list[float]:
     return [start, *inside, *bare]
 
 
-class CylinderBase:
+class CylinderBase(MarkedBase):
     """The base of a solid round a cylinder: edges are written at once, faces when the elements have their names."""
 
     def __init__(self, w: Writer, tape: Tape, form: SolidForm, wrap: Wrap) -> None:
-        self._w, self._wrap, self._flip = w, wrap, form.negative
+        super().__init__(w, tape, form, wrap.radius_mm)
+        self._wrap = wrap
         self._closed = wrap.cylinder.shell == "whole"
         self._angles = strip_angles(tape, form, wrap)
         lines = _lines_mm(tape, wrap, 1, CELLS_PER_TILE) if form.top == "tiles" else []
         self._b = [wrap.b_mm[0], *lines, wrap.b_mm[1]]
-        self._mark = mark_of(tape, form)
-        self._back_mm = wrap.radius_mm + back_mm(tape, form)
-        self._floor_mm = wrap.radius_mm + floor_mm(tape, form, self._mark)
         self._strips, self._tiles_along = len(self._angles) - 1, len(self._b) - 1
         self._up = w.direction(wrap.turn[:, 1])
         self._top = self._grid(wrap.radius_mm, self._b, self._angles)
@@ -110,9 +108,6 @@ class CylinderBase:
             vertices, lines = [*vertices, vertices[0]], [*lines, lines[0]]
         return vertices, arcs, lines
 
-    def _loop(self, steps: Sequence[Step]) -> str:
-        return self._w.loop(reversed_steps(steps) if self._flip else steps)
-
     def _surface(self, ends_rad: Sequence[float], radius_mm: float) -> str:
         """The cylinder, its seam opposite to a strip."""
         # u = 0, where the surface joins itself, is on the far side: no face goes over its surface's seam
@@ -122,7 +117,7 @@ class CylinderBase:
 
     def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
         """All faces of the base, each listed after a neighbour: inner cylinder, walls, tiles strip by strip."""
-        bounds, sunk = mark_faces(self._w, self._mark, self._geometry_of_back)
+        bounds, sunk = self._mark_faces(self._wrap.from_board, same_sense=self._flip)
         back = [self._back_face(strip, bounds if strip == self._marked else []) for strip in range(len(self._back_angles) - 1)]
         walls = self._end_walls() if self._closed else [*self._end_walls(), *self._cut_walls()]
         tiles = []
@@ -145,36 +140,25 @@ class CylinderBase:
         # the surface's normal points away from the axis: from a texture's inside into its wall, at a mould's outside out of it
         return self._w.face([loop, *bounds], surface, same_sense=self._flip)
 
-    def _geometry_of_back(self) -> Back:
-        """The inner cylinder, for the faces of a mark."""
+    def _point(self, ab: Sequence[float] | FloatArray, level: float) -> FloatArray:
+        return self._wrap.point(self._wrap.angle_rad(ab[0]), ab[1], level)
+
+    def _mark_edge(self, start: str, end: str, p: FloatArray, q: FloatArray, level: float) -> str:
         w, wrap = self._w, self._wrap
-        along = wrap.turn[:, 1]
+        if abs(q[0] - p[0]) < abs(q[1] - p[1]):
+            return w.line_edge(start, end, self._point(p, level), self._point(q, level))
+        # an edge's circle is followed counter-clockwise about its axis: for the other way round the axis points the other way
+        axis = np.sign(q[0] - p[0]) * wrap.turn[:, 1]
+        axes = w.placement(wrap.point(0.0, p[1], 0.0), axis, wrap.frames(wrap.angle_rad(p[0]))[2])
+        return w.edge(start, end, w.add(f"CIRCLE('',{axes},{real(level)})"))
 
-        def point(ab: FloatArray, radius_mm: float) -> FloatArray:
-            return wrap.point(wrap.angle_rad(ab[0]), ab[1], radius_mm)
+    def _mark_wall(self, p: FloatArray, q: FloatArray) -> str:
+        frame, (da, db) = self._wrap.frames(self._wrap.angle_rad(p[0])), np.sign(np.round(q - p, 6))
+        # left of the way (da, db) in the plane of (tangent, axis): (-db, da)
+        return self._plane(self._point(p, self._back_mm), da * self._wrap.turn[:, 1] - db * frame[0], frame[2])
 
-        def edge(start: str, end: str, p: FloatArray, q: FloatArray, radius_mm: float) -> str:
-            if abs(q[0] - p[0]) < abs(q[1] - p[1]):
-                return w.line_edge(start, end, point(p, radius_mm), point(q, radius_mm))
-            # an edge's circle is followed counter-clockwise about its axis: for the other way round the axis points the other way
-            axes = w.placement(wrap.point(0.0, p[1], 0.0), np.sign(q[0] - p[0]) * along, wrap.frames(wrap.angle_rad(p[0]))[2])
-            return w.edge(start, end, w.add(f"CIRCLE('',{axes},{real(radius_mm)})"))
-
-        def wall(p: FloatArray, q: FloatArray) -> str:
-            frame, (da, db) = wrap.frames(wrap.angle_rad(p[0])), np.sign(np.round(q - p, 6))
-            # left of the way (da, db) in the plane of (tangent, axis): (-db, da)
-            return self._plane(point(p, self._back_mm), da * along - db * frame[0], frame[2])
-
-        return Back(
-            from_board=wrap.from_board,
-            levels_mm=(self._back_mm, self._floor_mm),
-            point=point,
-            edge=edge,
-            wall=wall,
-            surface=lambda radius_mm: self._surface(self._back_angles[self._marked : self._marked + 2], radius_mm),
-            loop=self._loop,
-            same_sense=self._flip,
-        )
+    def _level(self, level: float) -> str:
+        return self._surface(self._back_angles[self._marked : self._marked + 2], level)
 
     def _plane(self, point: FloatArray, normal: FloatArray, ref: FloatArray) -> str:
         return self._w.add(f"PLANE('',{self._w.placement(point, normal, ref)})")

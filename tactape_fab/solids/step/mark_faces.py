@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
-from tactape_fab.solids.mark import Mark
-from tactape_fab.solids.step.part21 import Writer
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mark import Mark, back_mm, floor_mm, mark_of
+from tactape_fab.solids.step.part21 import Step, Writer, reversed_steps
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape
 
 _ENTITIES_A_CORNER = 60
 """More than are written for a corner of a loop."""
-Steps = Sequence[tuple[str, bool]]
+Steps = Sequence[Step]
 
 
 def entities_of_mark(mark: Mark | None) -> int:
@@ -22,65 +24,73 @@ def entities_of_mark(mark: Mark | None) -> int:
     return _ENTITIES_A_CORNER * sum(map(len, loops)) + 100 * bool(loops)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Back:
-    """The geometry of a back; (a, b) are its coordinates, a level is a height or a radius.
+class MarkedBase(ABC):
+    """The common parts of flat and wrapped bases: the sense of their loops, and the mark in their back.
 
-    from_board (2, 2): From board (x, y) to (a, b).
-    levels_mm: Of the back and of the mark's floor.
-    point: (a, b), level -> point in the file's frame.
-    edge: Names of two vertices, their (a, b), level -> edge between them, straight or round the cylinder.
-    wall: (a, b) of two corners -> surface between back and floor, its normal to the left of the way from one to the other.
-    surface: Level -> surface of back or floor.
-    loop: Edges, with the material on the left seen from outside a texture -> loop.
-    same_sense: Whether the material is behind the surfaces of back and floor.
+    (a, b) are coordinates of the back, a level is a height or a radius; `above_mm` is that of the surface with the elements.
     """
 
-    from_board: FloatArray
-    levels_mm: tuple[float, float]
-    point: Callable[[FloatArray, float], FloatArray]
-    edge: Callable[[str, str, FloatArray, FloatArray, float], str]
-    wall: Callable[[FloatArray, FloatArray], str]
-    surface: Callable[[float], str]
-    loop: Callable[[Steps], str]
-    same_sense: bool
+    def __init__(self, w: Writer, tape: Tape, form: SolidForm, above_mm: float) -> None:
+        self._w, self._flip, self._mark = w, form.negative, mark_of(tape, form)
+        self._back_mm, self._floor_mm = above_mm + back_mm(tape, form), above_mm + floor_mm(tape, form, self._mark)
 
+    @abstractmethod
+    def _point(self, ab: Sequence[float] | FloatArray, level: float) -> FloatArray:
+        """A point in the file's frame."""
 
-def mark_faces(w: Writer, mark: Mark | None, back: Callable[[], Back]) -> tuple[list[str], list[str]]:
-    """Loops of a mark in the back, and its faces: walls, floor and islands of each figure."""
-    if mark is None:
-        return [], []
-    of = back()
-    level, floor = (of.surface(level) for level in of.levels_mm)
-    bounds, faces = [], []
-    for outer, islands in mark.polygons():
-        rims = [_walls(w, of, loop @ of.from_board.T) for loop in (outer, *islands)]
-        # islands lie inside the pocket: only the outer loop of a figure is a hole of the back
-        bounds.append(of.loop(rims[0][0]))
-        faces += [wall for _, _, walls in rims for wall in walls]
-        # the floor lies on the pocket's side of the loop, the back on the other: the loop backwards
-        bottom = [of.loop([(edge, False) for edge, _ in reversed(low)]) for _, low, _ in rims]
-        faces.append(w.face(bottom, floor, same_sense=of.same_sense))
-        # an island's top is a piece of the back: the same surface and sense
-        faces += [w.face([of.loop(top)], level, same_sense=of.same_sense) for top, _, _ in rims[1:]]
-    return bounds, faces
+    @abstractmethod
+    def _mark_edge(self, start: str, end: str, p: FloatArray, q: FloatArray, level: float) -> str:
+        """An edge between two vertices at p and q, straight or round the cylinder."""
 
+    @abstractmethod
+    def _mark_wall(self, p: FloatArray, q: FloatArray) -> str:
+        """The surface between back and floor, its normal to the left of the way from p to q."""
 
-def _walls(w: Writer, of: Back, corners: FloatArray) -> tuple[Steps, Steps, list[str]]:
-    """Edges of a loop in the back and in the floor, and the walls between them; the pocket is on the loop's left."""
-    after = np.roll(corners, -1, axis=0)
-    ends = [[w.vertex(of.point(corner, level)) for corner in corners] for level in of.levels_mm]
-    edges = [
-        [of.edge(a, b, p, q, level) for a, b, p, q in zip(row, [*row[1:], row[0]], corners, after, strict=True)]
-        for row, level in zip(ends, of.levels_mm, strict=True)
-    ]
-    rises = [
-        w.line_edge(low, high, *(of.point(corner, level) for level in of.levels_mm))
-        for low, high, corner in zip(*ends, corners, strict=True)
-    ]
-    walls = []
-    for k, (p, q) in enumerate(zip(corners, after, strict=True)):
-        # along the floor as the loop goes, along the back against it; rises run from back to floor
-        steps = [(edges[0][k], False), (rises[k], True), (edges[1][k], True), (rises[(k + 1) % len(rises)], False)]
-        walls.append(w.face([of.loop(steps)], of.wall(p, q)))
-    return [(edge, True) for edge in edges[0]], [(edge, True) for edge in edges[1]], walls
+    @abstractmethod
+    def _level(self, level: float) -> str:
+        """The surface of back or floor."""
+
+    def _loop(self, steps: Steps) -> str:
+        """A loop given with the material on the left seen from outside a texture, turned over for a mould."""
+        return self._w.loop(reversed_steps(steps) if self._flip else steps)
+
+    def _mark_faces(self, from_board: FloatArray, *, same_sense: bool) -> tuple[list[str], list[str]]:
+        """Loops of the mark in the back, and its faces: walls, floor and islands of each figure.
+
+        from_board (2, 2): From board (x, y) to (a, b).
+        same_sense: Whether the material is behind the surfaces of back and floor.
+        """
+        if self._mark is None:
+            return [], []
+        level, floor = self._level(self._back_mm), self._level(self._floor_mm)
+        bounds, faces = [], []
+        for outer, islands in self._mark.polygons():
+            rims = [self._mark_walls(loop @ from_board.T) for loop in (outer, *islands)]
+            # islands lie inside the pocket: only the outer loop of a figure is a hole of the back
+            bounds.append(self._loop(rims[0][0]))
+            faces += [wall for _, _, walls in rims for wall in walls]
+            # the floor lies on the pocket's side of the loop, the back on the other: the loop backwards
+            bottom = [self._loop([(edge, False) for edge, _ in reversed(low)]) for _, low, _ in rims]
+            faces.append(self._w.face(bottom, floor, same_sense=same_sense))
+            # an island's top is a piece of the back: the same surface and sense
+            faces += [self._w.face([self._loop(top)], level, same_sense=same_sense) for top, _, _ in rims[1:]]
+        return bounds, faces
+
+    def _mark_walls(self, corners: FloatArray) -> tuple[Steps, Steps, list[str]]:
+        """Edges of a loop in the back and in the floor, and the walls between them; the pocket is on the loop's left."""
+        after, levels = np.roll(corners, -1, axis=0), (self._back_mm, self._floor_mm)
+        ends = [[self._w.vertex(self._point(corner, level)) for corner in corners] for level in levels]
+        edges = [
+            [self._mark_edge(a, b, p, q, level) for a, b, p, q in zip(row, [*row[1:], row[0]], corners, after, strict=True)]
+            for row, level in zip(ends, levels, strict=True)
+        ]
+        rises = [
+            self._w.line_edge(low, high, *(self._point(corner, level) for level in levels))
+            for low, high, corner in zip(*ends, corners, strict=True)
+        ]
+        walls = []
+        for k, (p, q) in enumerate(zip(corners, after, strict=True)):
+            # along the floor as the loop goes, along the back against it; rises run from back to floor
+            steps = [(edges[0][k], False), (rises[k], True), (edges[1][k], True), (rises[(k + 1) % len(rises)], False)]
+            walls.append(self._w.face([self._loop(steps)], self._mark_wall(p, q)))
+        return [(edge, True) for edge in edges[0]], [(edge, True) for edge in edges[1]], walls

@@ -14,10 +14,9 @@ from math import cos, sin
 import numpy as np
 
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mark import back_mm, floor_mm, mark_of
 from tactape_fab.solids.step.cylinder import CylinderBase
 from tactape_fab.solids.step.element_faces import ElementText, flat_element
-from tactape_fab.solids.step.mark_faces import Back, entities_of_mark, mark_faces
+from tactape_fab.solids.step.mark_faces import MarkedBase, entities_of_mark
 from tactape_fab.solids.step.part21 import (
     MOST_OF_FRAME,
     TRAILER,
@@ -31,7 +30,6 @@ from tactape_fab.solids.step.part21 import (
     names,
     product,
     real,
-    reversed_steps,
     wrapped_names,
 )
 from tactape_fab.solids.step.tiles import Arc, MapEdge, top_map
@@ -100,13 +98,12 @@ def element_bounds(first: int, element: ElementText, tile_of_part: IntArray) -> 
     return [text[begin : end - 1] for begin, end in pairwise(ends.tolist())]
 
 
-class FlatBase:
+class FlatBase(MarkedBase):
     """The base of a flat solid: its edges are written at once, its faces when the elements have their names."""
 
     def __init__(self, w: Writer, tape: Tape, form: SolidForm) -> None:
-        self._w, self._map, self._turn, self._flip = w, top_map(tape, tiled=form.top == "tiles"), world(form), form.negative
-        self._back_mm, self._mark = back_mm(tape, form), mark_of(tape, form)
-        self._floor_mm = floor_mm(tape, form, self._mark)
+        super().__init__(w, tape, form, 0.0)
+        self._map, self._turn = top_map(tape, tiled=form.top == "tiles"), world(form)
         self._vertices = {i: w.vertex(self._point(xy, 0.0)) for i, xy in enumerate(self._map.vertices_mm)}
         self._edges = [self._edge(edge, self._vertices, 0.0) for edge in self._map.edges]
         self.tile_of_part = self._map.tile_of_part
@@ -115,8 +112,8 @@ class FlatBase:
         self.entities_to_come = steps + 4 * len(self._map.tiles) + 20 * sum(map(len, self._map.rims)) + 50
         self.entities_to_come += entities_of_mark(self._mark)
 
-    def _point(self, xy: tuple[float, float], z: float) -> FloatArray:
-        return self._turn @ (*xy, z)
+    def _point(self, ab: Sequence[float] | FloatArray, level: float) -> FloatArray:
+        return self._turn @ (*ab, level)
 
     def _axes(self, xy: tuple[float, float], z: float, angle_rad: float) -> str:
         """A placement about the upward axis that counts angles from `angle_rad`."""
@@ -131,16 +128,12 @@ class FlatBase:
         circle = self._w.add(f"CIRCLE('',{self._axes(arc.centre_mm, z, arc.start_rad)},{real(arc.radius_mm)})")
         return self._w.edge(start, end, circle)
 
-    def _loop(self, steps: Sequence[tuple[str, bool]]) -> str:
-        """A loop given with the material on the left seen from outside a texture, turned over for a mould."""
-        return self._w.loop(reversed_steps(steps) if self._flip else steps)
-
     def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
         """All faces of the base, each listed after a neighbour: back, walls, tiles."""
         walls, back_loops = self._walls()
-        sunk_loops, sunk = mark_faces(self._w, self._mark, self._back)
+        sunk_loops, sunk = self._mark_faces(np.eye(2), same_sense=not self._flip)
         # the plane's normal is -z of the texture's own frame: out of a texture, into a mould, whose base lies above its cavities
-        back = self._w.face([*back_loops, *sunk_loops], self._plane(self._back_mm, upward=False), same_sense=not self._flip)
+        back = self._w.face([*back_loops, *sunk_loops], self._level(self._back_mm), same_sense=not self._flip)
         top = self._plane(0.0, upward=True)
         tiles = []
         for tile, loops in enumerate(self._map.tiles):
@@ -151,27 +144,16 @@ class FlatBase:
             tiles.append(self._w.face([outer, *inner], top, bounds=listed, same_sense=not self._flip))
         return [back, *sunk, *walls, *tiles]
 
-    def _back(self) -> Back:
-        """The back, for the faces of a mark."""
+    def _mark_edge(self, start: str, end: str, p: FloatArray, q: FloatArray, level: float) -> str:
+        return self._w.line_edge(start, end, self._point(p, level), self._point(q, level))
 
-        def point(xy: FloatArray, z: float) -> FloatArray:
-            return self._point((float(xy[0]), float(xy[1])), z)
+    def _mark_wall(self, p: FloatArray, q: FloatArray) -> str:
+        along = (q - p) / np.linalg.norm(q - p)
+        normal = self._turn @ (-along[1], along[0], 0.0)
+        return self._w.add(f"PLANE('',{self._w.placement(self._point(p, self._back_mm), normal, self._turn[:, 2])})")
 
-        def wall(p: FloatArray, q: FloatArray) -> str:
-            along = (q - p) / np.linalg.norm(q - p)
-            normal = self._turn @ (-along[1], along[0], 0.0)
-            return self._w.add(f"PLANE('',{self._w.placement(point(p, self._back_mm), normal, self._turn[:, 2])})")
-
-        return Back(
-            from_board=np.eye(2),
-            levels_mm=(self._back_mm, self._floor_mm),
-            point=point,
-            edge=lambda a, b, p, q, z: self._w.line_edge(a, b, point(p, z), point(q, z)),
-            wall=wall,
-            surface=lambda z: self._plane(z, upward=False),
-            loop=self._loop,
-            same_sense=not self._flip,
-        )
+    def _level(self, level: float) -> str:
+        return self._plane(level, upward=False)
 
     def _plane(self, z: float, *, upward: bool) -> str:
         normal = self._turn[:, 2] if upward else -self._turn[:, 2]
@@ -226,7 +208,7 @@ class FlatBase:
             along = (b - a) / np.linalg.norm(b - a)
             # right of an edge with the material on its left; of a mould, too: walls keep their sides, only the loop turns over
             normal = self._turn @ (along[1], -along[0], 0.0)
-            plane = self._w.placement(self._point((float(a[0]), float(a[1])), 0.0), normal, self._turn[:, 2])
+            plane = self._w.placement(self._point(a, 0.0), normal, self._turn[:, 2])
             return self._w.face([loop], self._w.add(f"PLANE('',{plane})"))
         first = min((arc.start_rad for i, _ in group if (arc := self._map.edges[i].arc) is not None))
         axes = self._axes(edge.arc.centre_mm, 0.0, first)
