@@ -17,7 +17,7 @@ from tactape_fab.solids.elements import block_corners_mm, reach_mm
 from tactape_fab.solids.rise import foot_radius_mm
 from tactape_fab.solids.wrap import Wrap
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray
-from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rounded_rectangle
+from tactape_fab.texture.shapes import board_outline, inset_mm, signed_area_mm2
 from tactape_fab.texture.tape import Tape
 
 CHORD_ERROR_MM = 0.001
@@ -147,8 +147,7 @@ class Rims:
 
 def build_rims(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> Rims:
     if wrap is None:
-        size_mm, radius_mm = tape.board.size_mm, tape.board.corner_radius_mm
-        outline = rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(size_mm) / 2
+        outline = board_outline(tape.board.size_mm, tape.board.corner_radius_mm)
         return Rims(outline=outline, holes=tuple(_circle(*hole) for hole in tape.board.holes))
     a, (low, high) = lattice.a_all_mm, wrap.b_mm
     outline = np.concatenate([np.column_stack([a, np.full_like(a, low)]), np.column_stack([a[::-1], np.full_like(a, high)])])
@@ -234,8 +233,8 @@ def _with_slices(lattice: Lattice, loop: IntArray) -> FloatArray:
 def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -> shapely.Geometry:
     """The board without holes, whole cells, and the feet of the elements outside of those."""
     board = shapely.Polygon(rims.outline, list(rims.holes))
-    outer = [loop for loop in loops if _area(loop) > 0.0]
-    inner = [loop for loop in loops if _area(loop) < 0.0]
+    outer = [loop for loop in loops if signed_area_mm2(loop) > 0.0]
+    inner = [loop for loop in loops if signed_area_mm2(loop) < 0.0]
     islands = [shapely.Polygon(loop) for loop in inner]
     fields = [shapely.Polygon(loop) for loop in outer]
     rest = board
@@ -246,11 +245,6 @@ def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -
     for foot in feet:
         rest = rest.difference(shapely.Polygon(foot))
     return rest
-
-
-def _area(loop: FloatArray) -> float:
-    x, y = loop.T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
 
 def triangulated(region: shapely.Geometry, cuts_mm: FloatArray | None) -> Iterator[FloatArray]:

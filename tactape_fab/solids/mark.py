@@ -18,6 +18,7 @@ from tactape_fab.solids.element_lattice import build_lattice
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.wrap import wrap_of
 from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.shapes import signed_area_mm2
 from tactape_fab.texture.tape import Tape
 
 LEAST_CELL_MM, MOST_CELL_MM = 0.4, 2.0
@@ -104,9 +105,7 @@ class Mark:
         corners = loop - np.roll(loop, 1, axis=0)
         turns = corners[:, 0] * np.roll(corners, -1, axis=0)[:, 1] - corners[:, 1] * np.roll(corners, -1, axis=0)[:, 0]
         loop = loop[turns != 0.0]  # simplify keeps the first point, even on a straight side
-        x, y = loop.T
-        positive = float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) > 0.0
-        return np.asarray(loop if positive == ccw else loop[::-1])
+        return np.asarray(loop if (signed_area_mm2(loop) > 0.0) == ccw else loop[::-1])
 
 
 def mark_of(tape: Tape, form: SolidForm) -> Mark | None:

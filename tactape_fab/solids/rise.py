@@ -23,7 +23,7 @@ def _surface_mm(t_mm: FloatArray, radius_mm: float) -> FloatArray:
     return np.sqrt(radius_mm**2 - t_mm**2) - radius_mm
 
 
-def _dome_mm(part: TapePart, r_mm: FloatArray) -> FloatArray:
+def dome_height_mm(part: TapePart, r_mm: FloatArray) -> FloatArray:
     """Height of a dome over its tangent plane at a distance from its middle; goes on downward outside its flat foot."""
     foot_mm, height_mm = part.body_mm[0] / 2, part.body_mm[2]
     if part.top_mm is None:
@@ -47,7 +47,7 @@ def meets_cylinder(part: TapePart, radius_mm: float) -> bool:
     if widest_mm >= radius_mm:
         return False
     # the surface falls fastest along the tangent (t = r): a dome that reaches it there does so in every direction
-    return bool(_dome_mm(part, np.array([widest_mm]))[0] < _surface_mm(np.array([widest_mm]), radius_mm)[0])
+    return bool(dome_height_mm(part, np.array([widest_mm]))[0] < _surface_mm(np.array([widest_mm]), radius_mm)[0])
 
 
 def foot_radius_mm(part: TapePart, radius_mm: float, direction_rad: FloatArray) -> FloatArray:
@@ -60,7 +60,7 @@ def foot_radius_mm(part: TapePart, radius_mm: float, direction_rad: FloatArray) 
     high = np.full_like(c, _widest_foot_mm(part))
     for _ in range(_BISECTIONS):  # bisection: the difference falls steadily
         middle = (low + high) / 2
-        above = _dome_mm(part, middle) > _surface_mm(middle * c, radius_mm)
+        above = dome_height_mm(part, middle) > _surface_mm(middle * c, radius_mm)
         low, high = np.where(above, middle, low), np.where(above, high, middle)
     return (low + high) / 2
 
@@ -96,7 +96,7 @@ def wrapped_volume_mm3(part: TapePart, radius_mm: float, rotation_deg: float) ->
     edge = [] if part.top_mm is None else [np.full_like(outer, part.top_mm / 2)]
     for low, high in pairwise([np.zeros_like(outer), *edge, outer]):
         r = (low + high)[:, None] / 2 + (high - low)[:, None] / 2 * x
-        rise = _dome_mm(part, r) - _surface_mm(r * np.cos(angle)[:, None], radius_mm)
+        rise = dome_height_mm(part, r) - _surface_mm(r * np.cos(angle)[:, None], radius_mm)
         # dV = rise r dr dphi
         total += float(((rise * r) @ weight * (high - low) / 2).sum()) * 2 * pi / _TURN_POINTS
     return total

@@ -49,6 +49,11 @@ def rounded_rectangle(
     return distinct
 
 
+def board_outline(size_mm: tuple[float, float], corner_radius_mm: float) -> FloatArray:
+    """Vertices of a board's outline, its lower left corner at the origin, within CHORD_ERROR_MM of its arcs; shape (k, 2)."""
+    return rounded_rectangle(size_mm, corner_radius_mm, outline_corner_points(corner_radius_mm)) + np.array(size_mm) / 2
+
+
 def placed_outline(size_mm: tuple[float, float], corner_radius_mm: float, rotation_deg: float) -> FloatArray:
     """Vertices of a rotated rounded rectangle, snapped to 1 nm: the outline that is written and measured."""
     return snap_mm(rotate(rounded_rectangle(size_mm, corner_radius_mm), rotation_deg))
@@ -70,9 +75,14 @@ def reach_mm(outline_mm: FloatArray) -> tuple[float, float]:
 
 def area_mm2(outline_mm: FloatArray) -> float:
     """Area of a simple polygon, shape (k, 2), of either orientation."""
+    return abs(signed_area_mm2(outline_mm))
+
+
+def signed_area_mm2(outline_mm: FloatArray) -> float:
+    """Area of a simple polygon, shape (k, 2); negative if it runs clockwise."""
     x, y = outline_mm.T
     # shoelace formula
-    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
 
 def inset_mm(xy_mm: FloatArray, size_mm: tuple[float, float], corner_radius_mm: float) -> FloatArray:

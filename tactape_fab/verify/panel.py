@@ -14,7 +14,7 @@ import numpy as np
 from tactape_fab.base.errors import Check, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, named
 from tactape_fab.base.pool import Workers, mapped
-from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
+from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.texture.as_built import NOMINAL
@@ -22,6 +22,7 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import MOST_MANIFEST_BYTES, read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
+from tactape_fab.texture.shapes import board_outline
 from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.files import (
@@ -326,7 +327,7 @@ def _check_tape(on: _OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFil
         own = replace(own, gerbers={role: content for role, content in own.gerbers.items() if role != "legend-top"})
     rows = [] if own.cpl is None else check_cpl(own.cpl, tape, film.assembly, film.lands.pads)
     pairs = pair_all_lands(own, film.lands, tape)
-    outline_mm = outline_of(tape.board.size_mm, tape.board.corner_radius_mm)
+    outline_mm = board_outline(tape.board.size_mm, tape.board.corner_radius_mm)
     listed = files["components-top"]
     own_files = {**files, "components-top": replace(listed, data=part_data_of_tape(listed.data, on))}
     return [*rows, *blank, *check_tape(own, pairs, tape, film, own_files, outline_mm, with_pupil=not quick)]

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
-import numpy as np
-
 from tactape_fab.kit.film.anchors import Anchors, anchor_plan, build_anchors
 from tactape_fab.kit.film.coverlay import gang_window
 from tactape_fab.kit.film.label import Label, compose_label
@@ -18,7 +16,7 @@ from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.board import Tag
 from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.frames import FloatArray, snap_mm
-from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
+from tactape_fab.texture.shapes import board_outline
 from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
 
@@ -105,7 +103,7 @@ def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile)
         paste=Flashes(outline_mm=outlines.paste, xy_mm=lands(outlines.paste_xy)),
         openings=Flashes(outline_mm=outlines.opening, xy_mm=xy_mm),
         bodies=Flashes(outline_mm=outlines.body, xy_mm=xy_mm),
-        outline_mm=_board_outline(tape),
+        outline_mm=board_outline(tape.board.size_mm, tape.board.corner_radius_mm),
         legend=tape_legend(tape, fab.legend, light=fab.legend_colour == "white"),
         coverlay=fab.coverlay_mode,
         window_mm=gang_window(tape.board, xy_mm, outlines.opening) if gang else None,
@@ -113,11 +111,6 @@ def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile)
         stiffener=spec.stiffener,
         adhesive=spec.adhesive,
     )
-
-
-def _board_outline(tape: Tape) -> FloatArray:
-    size_mm, radius_mm = tape.board.size_mm, tape.board.corner_radius_mm
-    return rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(size_mm) / 2
 
 
 def tape_legend(tape: Tape, rules: LegendSizes, *, light: bool) -> Legend:

@@ -10,14 +10,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.drawing import Hole, Offset
 from tactape_fab.kit.spec.panel_options import MOST_ALONG
 from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.frames import FloatArray, snap_mm
-from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
+from tactape_fab.texture.shapes import board_outline
 
 CORNER_RADIUS_MM = 1.0
 _RADIUS = "corner_radius_mm"
@@ -66,7 +64,7 @@ class Place:
     @property
     def outline_mm(self) -> FloatArray:
         """Its outline on the panel."""
-        return outline_of(self.extent_mm, self.radius_mm) + self.low_mm
+        return board_outline(self.extent_mm, self.radius_mm) + self.low_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +108,7 @@ class Panel:
 
     @property
     def outline_mm(self) -> FloatArray:
-        return outline_of(self.size_mm, CORNER_RADIUS_MM)
+        return board_outline(self.size_mm, CORNER_RADIUS_MM)
 
     @property
     def key(self) -> str:
@@ -149,10 +147,6 @@ def grid_places(
         for r in reversed(range(grid[1]))
         for c in range(grid[0])
     )
-
-
-def outline_of(size_mm: Size, radius_mm: float) -> FloatArray:
-    return rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(size_mm) / 2
 
 
 def panel_size_mm(tape_mm: Size, arrangement: tuple[int, int], rail_mm: float, gap_mm: float) -> Size:

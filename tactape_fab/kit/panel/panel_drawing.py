@@ -12,8 +12,9 @@ from shapely.geometry.polygon import orient
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.kit.film.drawing import Drawing, Fiducials, Project, joined
-from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, outline_of
+from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel
 from tactape_fab.texture.frames import FloatArray, snap_mm, to_nm
+from tactape_fab.texture.shapes import board_outline
 
 _ARC_QUARTER = 16
 """Number of lines in a quarter of a slot's round end."""
@@ -47,7 +48,7 @@ def _cut_area(panel: Panel) -> Any:
             for place in panel.places
         ]
     # corners of half the gap: what a cutter as wide as the slot leaves
-    return shapely.union_all([shapely.Polygon(outline_of((w, h), panel.gap_mm / 2) + low) for low, (w, h) in frames])
+    return shapely.union_all([shapely.Polygon(board_outline((w, h), panel.gap_mm / 2) + low) for low, (w, h) in frames])
 
 
 def _tab(middle: FloatArray, panel: Panel, *, upright: bool) -> Any:

@@ -10,7 +10,8 @@ from math import ceil, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.solids.elements import reach_mm, sphere_radius_mm
+from tactape_fab.solids.elements import reach_mm
+from tactape_fab.solids.rise import dome_height_mm
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.shapes import rotate
@@ -95,12 +96,7 @@ def element_height_mm(part: TapePart, offset_mm: FloatArray) -> FloatArray:
         turned = np.abs(rotate(offset_mm, -part.rotation_deg))
         return np.where((turned <= np.array([length_mm, width_mm]) / 2).all(axis=-1), height_mm, 0.0)
     r = np.hypot(offset_mm[..., 0], offset_mm[..., 1])
-    if part.top_mm is not None:
-        slope = height_mm / (length_mm / 2 - part.top_mm / 2)
-        return np.clip((length_mm / 2 - r) * slope, 0.0, height_mm)
-    sphere_mm = sphere_radius_mm(part)
-    cap: FloatArray = np.maximum(np.sqrt(np.maximum(sphere_mm**2 - r * r, 0.0)) + height_mm - sphere_mm, 0.0)
-    return np.where(r <= length_mm / 2, cap, 0.0)
+    return np.where(r <= length_mm / 2, np.maximum(dome_height_mm(part, r), 0.0), 0.0)
 
 
 def png_bytes(image: Image8 | Image16, px_per_m: int | None = None) -> bytes:

@@ -151,3 +151,12 @@ def nearest(points: FloatArray, queries: FloatArray, count: int = 1, within_mm: 
 
     distance, index = cKDTree(points).query(queries, k=count, distance_upper_bound=within_mm)
     return np.asarray(distance, dtype=np.float64), np.asarray(index, dtype=np.int64)
+
+
+def connected(one: IntArray, other: IntArray, count: int) -> tuple[int, IntArray]:
+    """Groups of `count` things that hang together by pairs: how many, and the group of each thing, shape (count,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    groups, label = connected_components(coo_array((np.ones(len(one)), (one, other)), shape=(count, count)), directed=False)
+    return int(groups), label

@@ -11,7 +11,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.solids.elements import closed_element, element_rings_mm, element_volume_mm3, foot_area_mm2
 from tactape_fab.solids.mesh.triangles import Mesh
-from tactape_fab.solids.surface.charts import nearest
+from tactape_fab.solids.surface.charts import connected, nearest
 from tactape_fab.solids.surface.patch import SINK_MM
 from tactape_fab.solids.surface.place import LaidOut
 from tactape_fab.texture.frames import FloatArray
@@ -115,14 +115,10 @@ def _facet_loss_mm3(part: TapePart) -> float:
 
 def _pieces(solid: Any) -> tuple[FloatArray, FloatArray]:
     """Volumes and middles of the pieces of a manifold; shapes (n,), (n, 3). Its own decompose() is quadratic in them."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     raw = solid.to_mesh64()
     points = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3]
     faces = np.asarray(raw.tri_verts, dtype=np.int64)
-    links = coo_array((np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(len(points),) * 2)
-    count, label = connected_components(links, directed=False)
+    count, label = connected(faces.ravel(), np.roll(faces, 1, axis=1).ravel(), len(points))
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, label, points)
     np.maximum.at(high, label, points)

@@ -6,6 +6,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.surface.charts import connected
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _MOST_LOOKED_AT, _BOXES_OF_ONE = 20_000_000, 10
@@ -21,12 +22,8 @@ def wrong_shells(mesh: Mesh) -> tuple[int, FloatArray]:
 
     Raises SpecError where so many shells lie in each other that looking at all of them would take minutes.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    faces, count = mesh.faces, len(mesh.vertices_mm)
-    links = coo_array((np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(count, count))
-    shells, label = connected_components(links, directed=False)
+    faces = mesh.faces
+    shells, label = connected(faces.ravel(), np.roll(faces, 1, axis=1).ravel(), len(mesh.vertices_mm))
     if shells == 1:
         return 0, np.zeros(3)
     # triangles shell by shell

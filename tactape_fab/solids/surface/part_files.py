@@ -12,6 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.surface.charts import connected
 from tactape_fab.solids.surface.charts import unit as unit_vectors
 from tactape_fab.solids.surface.nested import wrong_shells
 from tactape_fab.solids.surface.threemf_file import FURTHEST_MM, MOST_FACES, read_3mf
@@ -121,8 +122,6 @@ def _without_slits(mesh: Mesh) -> Mesh:
 
 def _clusters(points: FloatArray, within_mm: float) -> IntArray:
     """The first point of those that each hangs together with; shape (n,)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
@@ -130,8 +129,7 @@ def _clusters(points: FloatArray, within_mm: float) -> IntArray:
     if tree.count_neighbors(tree, within_mm) > _MOST_NEAR * len(points):
         raise SpecError(f"SURFACE has thousands of open edges within {within_mm:.3g} mm; repair it and export it again")
     a, b = tree.query_pairs(within_mm, output_type="ndarray").T
-    links = coo_array((np.ones(len(a)), (a, b)), shape=(len(points), len(points)))
-    _, label = connected_components(links, directed=False)
+    _, label = connected(a, b, len(points))
     _, first = np.unique(label, return_index=True)
     return np.asarray(first[label].astype(np.int64))
 
