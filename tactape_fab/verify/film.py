@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.kit.film.anchors import build_anchors
-from tactape_fab.kit.profiles import GERBER_ROLES, LegendSizes, load_fab, material_words
+from tactape_fab.kit.profiles import GERBER_ROLES, load_fab, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
 from tactape_fab.kit.read.readback import read_drill
 from tactape_fab.texture.cpl import CplContent
@@ -20,8 +20,9 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, check_signature
 from tactape_fab.verify.layers.board import check_components, check_drill, check_edges, check_legend_clear, check_part_data
-from tactape_fab.verify.layers.cpl_rows import RecordedAssembly, read_assembly
+from tactape_fab.verify.layers.cpl_rows import read_assembly
 from tactape_fab.verify.layers.film_layers import (
+    FilmManifest,
     FilmRecord,
     check_anchors,
     check_backing,
@@ -29,8 +30,7 @@ from tactape_fab.verify.layers.film_layers import (
     file_function,
     read_film_record,
 )
-from tactape_fab.verify.layers.job_file import FabOrder, known_fab, read_fab_order
-from tactape_fab.verify.layers.kicad_drawn import Made
+from tactape_fab.verify.layers.job_file import known_fab, read_fab_order
 from tactape_fab.verify.layers.lands import (
     LandPairs,
     Recorded,
@@ -57,25 +57,6 @@ FILE_FUNCTIONS = {
 REQUIRED_ATTRIBUTES = ("FileFunction", "FilePolarity", "SameCoordinates", "MD5")
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FilmManifest:
-    """Film and assembly as the manifest of a kit or a panel records them.
-
-    ``paths`` are those of fabrication files by role as the fab's profile has them, or, of one of the user's, as most fabs do.
-    """
-
-    lands: Recorded
-    assembly: RecordedAssembly
-    film: FilmRecord
-    x2: object
-    legend_is_light: bool
-    legend: LegendSizes | None
-    order: FabOrder | None
-    limits_mm: Mapping[str, object]
-    paths: Mapping[str, str]
-    names_known: bool
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:
@@ -142,20 +123,6 @@ def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str,
         for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste))
         if role in layers.gerbers
     }
-
-
-def shown_on_board(name: str, tape: Tape, record: FilmManifest, gerbers: Mapping[str, GerberContent]) -> Made:
-    """Expected content of the KiCad board of a tape, or of a panel of such tapes, besides places."""
-    return Made(
-        name=name,
-        thickness_mm=tape.board.thickness_mm,
-        value=record.assembly.value,
-        footprint=record.assembly.footprint,
-        body_mm=tape.part.body_mm[:2],
-        backings=record.film.backings,
-        gerbers=gerbers,
-        limits_mm=record.limits_mm,
-    )
 
 
 def anchor_lines(record: FilmManifest, tape: Tape) -> tuple[FloatArray, float]:

@@ -35,7 +35,6 @@ from tactape_fab.verify.files import (
     roles_of,
 )
 from tactape_fab.verify.film import (
-    FilmManifest,
     anchor_lines,
     check_attributes,
     check_tape,
@@ -43,16 +42,15 @@ from tactape_fab.verify.film import (
     read_film_manifest,
     read_layers,
     read_role,
-    shown_on_board,
 )
 from tactape_fab.verify.layers.board import check_outline
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
-from tactape_fab.verify.layers.drawing_words import Told
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
-from tactape_fab.verify.layers.film_layers import pardoned
+from tactape_fab.verify.layers.film_layers import FilmManifest, pardoned
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
+from tactape_fab.verify.layers.kicad_drawn import Made
 from tactape_fab.verify.layers.order_notes import check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.cad_readers import read_by_others
@@ -241,10 +239,7 @@ def _check_film(
         flashes_mm, offset_mm = layers.gerbers["copper-top"].flash_xy_mm, film.lands.pads.offset_mm
         sources.append(copper_source(flashes_mm, offset_mm, tape.part.rotation_deg, pairs["copper-top"]))
     shown = shown_tape(tape, *anchor_lines(film, tape))
-    made = shown_on_board(tape.name, tape, film, layers.gerbers)
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
-    radius_mm, legend = tape.board.corner_radius_mm, layers.gerbers.get("legend-top")
-    told = Told(tape=tape, on_panel=False, assembly=film.assembly, lands=film.lands)
-    checks += check_drawings(files, tape.name, shown, radius_mm, [], legend, film.order, film.film.backings, told)
+    made = Made(name=tape.name, tape=tape, record=film, gerbers=layers.gerbers, radius_mm=tape.board.corner_radius_mm)
+    checks += [*check_kicad(files, shown, made), *check_drawings(files, shown, made)]
     checks.append(check_job(tape.name, tape.board.size_mm, film.order, files))
     return [*checks, check_zip(files, with_job=film.film.job_in_zip)]

@@ -36,7 +36,6 @@ from tactape_fab.verify.files import (
 )
 from tactape_fab.verify.film import (
     FilmLayers,
-    FilmManifest,
     anchor_lines,
     check_attributes,
     check_tape,
@@ -44,16 +43,15 @@ from tactape_fab.verify.film import (
     read_film_manifest,
     read_layers,
     read_role,
-    shown_on_board,
 )
 from tactape_fab.verify.kit import verify_folder
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
-from tactape_fab.verify.layers.drawing_words import Told
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
-from tactape_fab.verify.layers.film_layers import pardoned
+from tactape_fab.verify.layers.film_layers import FilmManifest, pardoned
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
+from tactape_fab.verify.layers.kicad_drawn import Made
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, part_data_of_tape, rows_of_tape
 from tactape_fab.verify.layers.order_notes import Ordered, check_order_notes
@@ -250,11 +248,16 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     for on in tapes:
         lines = pardoned(_check_tape(on, layers, files, quick=quick), on.film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
-    made = shown_on_board(record.name, tapes[0].tape, film, layers.gerbers)
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
-    slots, legend = [*slots_mm(panel)], layers.gerbers.get("legend-top")
-    told = Told(tape=tapes[0].tape, on_panel=True, assembly=film.assembly, lands=film.lands)
-    checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings, told)
+    made = Made(
+        name=record.name,
+        tape=tapes[0].tape,
+        record=film,
+        gerbers=layers.gerbers,
+        radius_mm=CORNER_RADIUS_MM,
+        slots_mm=slots_mm(panel),
+        on_panel=True,
+    )
+    checks += [*check_kicad(files, shown, made), *check_drawings(files, shown, made)]
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
     pictured = Pictured(
         size_mm=panel.size_mm,

@@ -46,15 +46,14 @@ from tactape_fab.verify.film import (
     pair_all_lands,
     read_film_manifest,
     read_layers,
-    shown_on_board,
 )
 from tactape_fab.verify.film import read_role as read_of
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
-from tactape_fab.verify.layers.drawing_words import Told
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
+from tactape_fab.verify.layers.kicad_drawn import Made
 from tactape_fab.verify.layers.order_notes import check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.meshes import check_models
@@ -213,17 +212,9 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
             return str(error)
         return check_models(tape, form, files, mesh, cpl)
 
-    made: dict[str, Any] = {"order": film.order, "backings": film.film.backings}
+    of_notes: dict[str, Any] = {"order": film.order, "backings": film.film.backings, "assembly": film.assembly}
     gerbers = read_layers(seeds.files, cpl, film.film, []).gerbers
-    legend, board = gerbers.get("legend-top"), shown_on_board(tape.name, tape, film, gerbers)
-
-    def kicad(files: Files) -> object:
-        return check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, board)
-
-    told = Told(tape=tape, on_panel=False, assembly=film.assembly, lands=film.lands)
-
-    def drawings(files: Files) -> object:
-        return check_drawings(files, tape.name, shown, tape.board.corner_radius_mm, [], legend, **made, told=told)
+    made = Made(name=tape.name, tape=tape, record=film, gerbers=gerbers, radius_mm=tape.board.corner_radius_mm)
 
     def pictures(files: Files) -> object:
         xy_mm, turned_deg, body_mm = shown.parts_xy_mm, shown.rotation_deg, tape.part.body_mm[:2]
@@ -234,14 +225,11 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
         **dict.fromkeys(LAYERS, layers),
         "cpl": places,
         "bom": lambda files: check_bom(files["bom"].data, tape.designators(), film.assembly),
-        "order-notes": lambda files: check_order_notes(files, tape, **made, assembly=film.assembly),
-        **dict.fromkeys(("fab-dxf", "fab-drawing"), drawings),
+        "order-notes": lambda files: check_order_notes(files, tape, **of_notes),
+        **dict.fromkeys(("fab-dxf", "fab-drawing"), lambda files: check_drawings(files, shown, made)),
         "job": lambda files: check_job(tape.name, tape.board.size_mm, film.order, files),
         "fab-zip": check_zip,
-        "kicad-pcb": kicad,
-        "kicad-project": lambda files: check_kicad(
-            files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, board
-        ),
+        **dict.fromkeys(("kicad-pcb", "kicad-project"), lambda files: check_kicad(files, shown, made)),
         "certificate": lambda files: check_certificate(files["certificate"], tape),
         **dict.fromkeys(("preview-png", "preview-svg", "placement-preview"), pictures),
         "report": lambda files: check_listed(seeds.manifest, {"report": [files["report"]]}, []),

@@ -25,7 +25,8 @@ from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.texture.packed import pack
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
-from tactape_fab.verify.film import FilmManifest, read_film_manifest
+from tactape_fab.verify.film import read_film_manifest
+from tactape_fab.verify.layers.film_layers import FilmManifest
 from tests.panels import TWO, panel_of
 from tests.raw_images import random_layers, tensors_of, weights_file
 

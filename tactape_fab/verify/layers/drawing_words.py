@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
-from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
-from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
-from tactape_fab.verify.layers.lands import Recorded
+from tactape_fab.verify.layers.kicad_drawn import Made
 
 _F = r"[-+.\de]{1,12}"
 """A figure that the manifest does not have."""
@@ -25,27 +21,15 @@ _HOLE_MM = 6e-4
 """Half of the third decimal, and a float's error."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    """Content of a drawing besides places: `tape` is the only one, or the first of a panel."""
-
-    tape: Tape
-    on_panel: bool
-    assembly: RecordedAssembly
-    lands: Recorded
-
-
 def in_ascii(text: str) -> str:
     """A text as the reader of the drawing has it: only the font says which characters the others are."""
     return "".join(c if " " <= c <= "~" else "?" for c in text)
 
 
-def word_problems(
-    words: str, name: str, expected: Shown, radius_mm: float, told: Told, order: FabOrder | None, backings: Mapping[str, str]
-) -> list[str]:
+def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
     """The first place where the words are not those of the manifest, and holes that are not its."""
     at = 0
-    for pattern in _pieces(name, expected, radius_mm, told, order, backings, dashes=" Short dashes: " in words):
+    for pattern in _pieces(expected, made, dashes=" Short dashes: " in words):
         found = re.compile(f" {pattern}(?= )").match(words, at)
         if found is None:
             # what a group or an escaped character follows is fixed text, and tells what is meant
@@ -58,24 +42,16 @@ def word_problems(
     return [*(["it says more than it should"] if words[at:] != " " else []), *(["its holes are not the kit's"] if wrong else [])]
 
 
-def _pieces(
-    name: str,
-    expected: Shown,
-    radius_mm: float,
-    told: Told,
-    order: FabOrder | None,
-    backings: Mapping[str, str],
-    *,
-    dashes: bool,
-) -> Iterator[str]:
+def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     """Patterns of the words, each fixed but for figures that no record has; a blank is between any two."""
-    tape, pads, count = told.tape, told.lands.pads, len(expected.parts_xy_mm)
+    tape, pads, count = made.tape, made.record.lands.pads, len(expected.parts_xy_mm)
+    order, radius_mm = made.record.order, made.radius_mm
     length, width, height = (f"{side:g}" for side in tape.part.body_mm)
     # drawings before the first released ones called a solder mask coverlay, too
     mask = f"(?:coverlay|{'solder mask' if order is None else re.escape(order.mask)})"
-    tapes, (wide, high) = r"(?:\d+ )*?" * told.on_panel, expected.size_mm
+    tapes, (wide, high) = r"(?:\d+ )*?" * made.on_panel, expected.size_mm
     yield f"OUTLINE, seen from the parts' side {tapes}{wide:g} {high:g}"
-    if not told.on_panel:
+    if not made.on_panel:
         yield rf"{_F} field {_F} A"
     if radius_mm > 0:
         yield rf"radius {radius_mm:g} \(4x\)"
@@ -90,28 +66,29 @@ def _pieces(
     angles = sorted(set(expected.rotation_deg.tolist()))
     turned = " or ".join(f"{angle:g}[?]" for angle in angles)
     yield f"{'All parts' if len(angles) == 1 else 'Parts, tape by tape,'} turned {turned} counter-clockwise."
-    yield from _layers(count, mask, height, told, order, backings)
+    yield from _layers(count, mask, height, made)
     if expected.holes:
         more = len(expected.holes) - _MOST_HOLES
         listed = "".join(rf" \? {_F} x {_F} y {_F}" for _ in expected.holes[:_MOST_HOLES])
         yield rf"HOLES, not plated \(mm from the lower left corner\){listed}" + f" and {more} more in the drill file" * (more > 0)
-    yield from _notes(angles, mask, told, dashes=dashes)
-    yield rf"Title {re.escape(name)}"
+    yield from _notes(angles, mask, made, dashes=dashes)
+    yield rf"Title {re.escape(made.name)}"
     grid = rf"W {tape.pitch_mm:.4g}, \? {tape.displacement_mm:.4g}"
     of = f"sector {tape.sector} of {tape.code}; {tape.columns} x {tape.rows} points, {grid}"
-    texture = "[^;]{1,200}; W [^;]{1,200}" if told.on_panel else of
-    yield f"Texture {texture} Fab profile [^;]{{1,100}}; assembly format {told.assembly.format}"
+    texture = "[^;]{1,200}; W [^;]{1,200}" if made.on_panel else of
+    yield f"Texture {texture} Fab profile [^;]{{1,100}}; assembly format {made.record.assembly.format}"
     yield rf"Scale outline (?:{_F}:1|1:{_F}), A {_F}:1; all dimensions in mm"
     yield r"Date, tool \d{4}-\d\d-\d\d, tactape-fab [^ ;]{1,40}; sheet 1 of 1, A4"
 
 
-def _layers(count: int, mask: str, height: str, told: Told, order: FabOrder | None, backings: Mapping[str, str]) -> Iterator[str]:
+def _layers(count: int, mask: str, height: str, made: Made) -> Iterator[str]:
     """Patterns of the table of layers and of the words beside the section."""
+    order, backings = made.record.order, made.record.film.backings
 
     def text(value: str | None) -> str:
         return "[^;]{1,200}" if value is None else re.escape(in_ascii(value))
 
-    yield rf"LAYERS, from the top parts {count} x {text(told.assembly.footprint)}, height {height}"
+    yield rf"LAYERS, from the top parts {count} x {text(made.record.assembly.footprint)}, height {height}"
     colour, legend, copper, finish, base, film = (
         (None,) * 6
         if order is None
@@ -126,7 +103,7 @@ def _layers(count: int, mask: str, height: str, told: Told, order: FabOrder | No
     )
     yield rf"legend (?:none|{text(legend)}, lines of {_F} or more)"
     openings = f"{count} openings of {_F} x {_F}, never merged|one opening for all parts|"
-    openings += "opened for all parts of a tape, or for each part: as drawn" * told.on_panel
+    openings += "opened for all parts of a tape, or for each part: as drawn" * made.on_panel
     yield rf"{mask} {text(colour)}; (?:{openings.strip('|')})"
     yield rf"copper {text(copper)} \?m, one layer, {text(finish)}; least spacing {_F}"
     yield rf"base {text(base)}; film {text(film)} thick in all"
@@ -138,23 +115,23 @@ def _layers(count: int, mask: str, height: str, told: Told, order: FabOrder | No
     yield " ".join([*beside, f"part {mask} base"])
 
 
-def _notes(angles_deg: Sequence[float], mask: str, told: Told, *, dashes: bool) -> Iterator[str]:
+def _notes(angles_deg: Sequence[float], mask: str, made: Made, *, dashes: bool) -> Iterator[str]:
     """Patterns of the six notes."""
     yield r"NOTES 1\. The Gerber and drill files rule; this drawing explains them\."
-    sense = "clockwise" if PLACEMENTS[told.assembly.format].clockwise else "counter-clockwise"
+    sense = "clockwise" if PLACEMENTS[made.record.assembly.format].clockwise else "counter-clockwise"
     yield rf"2\. Rotations in the placement file are {sense}, 0 is along x\."
-    length, width, _ = told.tape.part.body_mm
+    length, width, _ = made.tape.part.body_mm
     if length != width:
         leans = " or, on turned tapes, ".join(re.escape(lean(angle)) for angle in angles_deg)
         yield f"Seen from above, every part leans like this: {leans}"
     anchored = rf"Copper runs on from (?:some|the) pads under the {mask} to hold them: it is no track\."
     yield rf"3\. The parts carry no signal: no nets, no electrical test\. (?:Pads stand alone on purpose\.|{anchored})"
-    where = "only in the rails, better none" if told.on_panel else "only within the short dashes, better none"
-    number = where if dashes or told.on_panel else "none on the tape"
+    where = "only in the rails, better none" if made.on_panel else "only within the short dashes, better none"
+    number = where if dashes or made.on_panel else "none on the tape"
     yield rf"Either land may be land 1\. 4\. Order numbers and date codes: {number}\."
     yield r"In the field no logo, fiducial, hole, coupon or copper\."
     merged = rf"Openings of the {mask} are not merged\. Ask before a bridge between two of them is changed\."
-    some = rf"(?:The {mask} differs from tape to tape, on purpose\. )?" * told.on_panel
+    some = rf"(?:The {mask} differs from tape to tape, on purpose\. )?" * made.on_panel
     yield rf"5\. (?:The {mask} has one opening for all parts, on purpose\.|{some}{merged})"
     yield r"6\. Outline and holes: the fab's own tolerances\. Parts: as near to their place as the line can\."
     yield r"A missing, standing or turned part is a fault\."

@@ -15,14 +15,13 @@ import numpy as np
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
-from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.board import off_outline_mm
-from tactape_fab.verify.layers.drawing_words import Told, word_problems
+from tactape_fab.verify.layers.drawing_words import word_problems
 from tactape_fab.verify.layers.film_layers import without_counterpart
-from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
+from tactape_fab.verify.layers.kicad_drawn import Made
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm
 from tactape_fab.verify.layers.legend import inked_or_cut
 from tactape_fab.verify.layers.written_form import same_contours, segments
@@ -36,29 +35,17 @@ Drawn = dict[str, list[FloatArray]]
 """Vertices by layer; of a circle x, y and diameter."""
 
 
-def check_drawings(
-    files: Mapping[str, WrittenFile],
-    name: str,
-    expected: Shown,
-    radius_mm: float,
-    slots_mm: Sequence[FloatArray],
-    legend: GerberContent | None,
-    order: FabOrder | None,
-    backings: Mapping[str, str],
-    told: Told,
-) -> list[Check]:
-    """Check the drawings that are there; `legend` is the layer that the fab prints, `order` what it makes the film of, and
-    `told` what the PDF says besides.
-    """
+def check_drawings(files: Mapping[str, WrittenFile], expected: Shown, made: Made) -> list[Check]:
+    """Check the drawings that are there."""
     checks = []
     if "fab-dxf" in files:
-        problems = _dxf_problems(files["fab-dxf"].data, expected, radius_mm, slots_mm, legend)
+        problems = _dxf_problems(files["fab-dxf"].data, expected, made)
         right = "outline, slots, holes and ink as the manifest and the legend have them, and every part in a field"
         checks.append(Check(name="fab-dxf", passed=not problems, message=named(problems) or right))
     if "fab-drawing" in files:
         try:
             words = _read_pdf(files["fab-drawing"].data)
-            problems = word_problems(words, name, expected, radius_mm, told, order, backings)
+            problems = word_problems(words, expected, made)
         except (ValueError, zlib.error) as error:
             problems = [f"it is not in the form that this tool writes: {error}"]
         right = "one page that runs and fetches nothing; its words as the manifest's; not compared: what it draws, and its scales"
@@ -69,21 +56,19 @@ def check_drawings(
 # DXF
 
 
-def _dxf_problems(
-    data: bytes, expected: Shown, radius_mm: float, slots_mm: Sequence[FloatArray], legend: GerberContent | None
-) -> list[str]:
+def _dxf_problems(data: bytes, expected: Shown, made: Made) -> list[str]:
     try:
         drawn = _read_dxf(data)
     except (ValueError, IndexError, OverflowError) as error:
         return [f"it cannot be read: {error}"]
-    outline, parts = drawn.pop("OUTLINE", []), expected.parts_xy_mm
+    outline, parts, legend = drawn.pop("OUTLINE", []), expected.parts_xy_mm, made.gerbers.get("legend-top")
     problems = []
     closed = outline[0][[*range(len(outline[0])), 0], :2] if len(outline) == 1 else None
-    if closed is None or off_outline_mm(closed, expected.size_mm, radius_mm) > PLACE_TOLERANCE_MM:
+    if closed is None or off_outline_mm(closed, expected.size_mm, made.radius_mm) > PLACE_TOLERANCE_MM:
         problems.append(f"its outline is not that of {expected.size_mm[0]:g} x {expected.size_mm[1]:g} mm")
     areas, strokes = ((), ()) if legend is None else (legend.areas_mm, legend.strokes_mm)
     holes, none = np.array(expected.holes, dtype=float).reshape(-1, 1, 3), np.empty((0, 3))
-    contours: dict[str, Sequence[FloatArray]] = {"SLOTS": slots_mm, "HOLES": [*holes], "TAG": areas, "LABEL": strokes}
+    contours: dict[str, Sequence[FloatArray]] = {"SLOTS": made.slots_mm, "HOLES": [*holes], "TAG": areas, "LABEL": strokes}
     for layer, wanted in contours.items():
         found = drawn.pop(layer, [])
         flat = [line[:, :2] for line in found]

@@ -13,13 +13,15 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.anchors import AnchorPlan, Anchors, build_anchors, nearest_foreign
 from tactape_fab.kit.film.coverlay import gang_window
-from tactape_fab.kit.profiles import COVERLAY_MODES, LandPattern, material_words
+from tactape_fab.kit.profiles import COVERLAY_MODES, LandPattern, LegendSizes, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.layers.lands import outlines_apart_mm
+from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
+from tactape_fab.verify.layers.job_file import FabOrder
+from tactape_fab.verify.layers.lands import Recorded, outlines_apart_mm
 from tactape_fab.verify.layers.written_form import segments
 
 TOLERANCE_MM = 0.001
@@ -49,6 +51,25 @@ class FilmRecord:
     job_in_zip: bool
     frame_mm: float
     forced: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmManifest:
+    """Film and assembly as the manifest of a kit or a panel records them.
+
+    ``paths`` are those of fabrication files by role as the fab's profile has them, or, of one of the user's, as most fabs do.
+    """
+
+    lands: Recorded
+    assembly: RecordedAssembly
+    film: FilmRecord
+    x2: object
+    legend_is_light: bool
+    legend: LegendSizes | None
+    order: FabOrder | None
+    limits_mm: Mapping[str, object]
+    paths: Mapping[str, str]
+    names_known: bool
 
 
 def read_film_record(table: Fields) -> FilmRecord:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
 from tactape_fab.kit.read.s_expression import Tree, read_s_expression
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.kicad_drawn import At, Made, child, drawn_problems, layer_of, rules_problems, values
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded
@@ -88,21 +89,21 @@ def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Show
     )
 
 
-def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded, made: Made) -> list[Check]:
+def check_kicad(files: Mapping[str, WrittenFile], shown: Shown, made: Made) -> list[Check]:
     """Check that the board shows what manifest and layers say and nothing else, and that its project has the fab's rules."""
     try:
         with collection_paused():
-            found = _read_board(read_s_expression(board, _IDENTIFIERS))
+            found = _read_board(read_s_expression(files["kicad-pcb"].data, _IDENTIFIERS))
         problems = [
             *_places(found, shown),
-            *_lands(found, shown, lands),
+            *_lands(found, shown, made.record.lands),
             *_outline(found, shown),
             *_holes(found, shown),
             *_fiducials(found, shown),
             *_tracks(found, shown),
             *_unexpected(found),
             *drawn_problems(found.lists, found.at, np.array(found.origin_mm), np.array(shown.fiducials_mm).reshape(-1, 2), made),
-            *rules_problems(project, made.limits_mm, shown.track_width_mm),
+            *rules_problems(files["kicad-project"].data, made.record.limits_mm, shown.track_width_mm),
         ]
     except (ReadbackError, ValueError, TypeError, IndexError) as error:
         message = f"it is no board of KiCad with an origin, or it was cut off: {error}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isclose
 from typing import Any
 
@@ -13,11 +13,12 @@ import shapely
 from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.base.json_text import parse_json
-from tactape_fab.kit.read.gerber_file import GerberShapes, ReadbackError
+from tactape_fab.kit.read.gerber_file import GerberContent, GerberShapes, ReadbackError
 from tactape_fab.kit.read.s_expression import Tree
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.verify.layers.film_layers import without_counterpart
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.layers.film_layers import FilmManifest, without_counterpart
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm, nearest, point_tree
 from tactape_fab.verify.layers.written_form import same_contours, segments
 
@@ -40,22 +41,21 @@ _ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Made:
-    """Expected content of a board besides places, as the manifest and the kit's other files have it.
+    """Things a board and drawings show besides places, by the manifest and the kit's other files.
 
-    value, footprint: Of every part.
-    backings: Material and thickness by role.
+    tape: The only one, or the first of a panel.
     gerbers: Layers by role.
-    limits_mm: The fab's limits; one that is not recorded is not compared.
+    radius_mm: Of the outline's corners.
+    slots_mm: What is cut out round the tapes of a panel.
     """
 
     name: str
-    thickness_mm: float
-    value: str
-    footprint: str
-    body_mm: tuple[float, float]
-    backings: Mapping[str, str]
-    gerbers: Mapping[str, GerberShapes]
-    limits_mm: Mapping[str, Any] = field(default_factory=dict)
+    tape: Tape
+    record: FilmManifest
+    gerbers: Mapping[str, GerberContent]
+    radius_mm: float
+    slots_mm: Sequence[FloatArray] = ()
+    on_panel: bool = False
 
 
 def drawn_problems(
@@ -116,8 +116,8 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
     (general,), (title,), (layers,), (setup,) = (lists.get(kind, [()]) for kind in ("general", "title_block", "layers", "setup"))
     (thickness_mm,) = values(general, "thickness")
     problems = []
-    if len(general) != 2 or not isclose(thickness_mm, made.thickness_mm, abs_tol=1e-6):
-        problems.append(f"it is {thickness_mm:g} mm thick, not {made.thickness_mm:g}")
+    if len(general) != 2 or not isclose(thickness_mm, made.tape.board.thickness_mm, abs_tol=1e-6):
+        problems.append(f"it is {thickness_mm:g} mm thick, not {made.tape.board.thickness_mm:g}")
     if child(title, "title")[1:] != (made.name,):
         problems.append("its title is not the kit's name")
     # a KiCad board has at least two copper layers; the second one of a film stays empty
@@ -131,7 +131,7 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
         problems.append("it has nets")
     notes = sorted(str(text[1]) for text in lists.get("gr_text", []))
     wanted = [
-        sorted(f"{role.split('-')[0]} under all of {of}: {what}" for role, what in made.backings.items())
+        sorted(f"{role.split('-')[0]} under all of {of}: {what}" for role, what in made.record.film.backings.items())
         for of in ("it", "each tape")
     ]
     return problems if notes in wanted else [*problems, f"it says {named(list(map(quoted, notes)) or ['nothing'])} of backings"]
@@ -165,12 +165,12 @@ def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) 
         return None if right else "another pad"
     if kind != "R":
         return None
-    if name != f"tactape:{made.footprint}":
+    if name != f"tactape:{made.record.assembly.footprint}":
         return "another name"
-    if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.value]:
+    if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.record.assembly.value]:
         return "another value"
     bodies = [(values(i, "start"), values(i, "end")) for i in inner if i[0] == "fp_rect" and layer_of(i) == "F.Fab"]
-    half = np.array(made.body_mm) / 2
+    half = np.array(made.tape.part.body_mm[:2]) / 2
     right = len(bodies) == 1 and np.allclose(bodies[0], (-half, half), rtol=0.0, atol=PLACE_TOLERANCE_MM)
     return None if right else "another body"
 

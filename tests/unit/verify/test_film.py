@@ -28,7 +28,6 @@ from tactape_fab.verify.film import (
     read_film_manifest,
     read_layers,
     read_role,
-    shown_on_board,
 )
 from tests.tapes import tape_at
 
@@ -239,13 +238,6 @@ def test_pads_and_stencil_are_paired_by_their_own_offsets(monkeypatch: pytest.Mo
         assert found[role][0] is gerbers[role].flash_xy_mm and found[role][1:] == (offset_mm, 45.0)
     del gerbers["copper-top"]
     assert set(pair_all_lands(FilmLayers(gerbers=gerbers, holes=None, cpl=None), record().lands, TAPE)) == {"paste-top"}
-
-
-def test_the_board_shows_what_the_record_says() -> None:
-    gerbers = layers_of()
-    made = shown_on_board("t", TAPE, record(), gerbers)
-    assert (made.name, made.thickness_mm, made.value, made.footprint) == ("t", 0.11, "0R", "R_0201")
-    assert (made.body_mm, made.backings, made.limits_mm) == ((0.6, 0.3), BACKINGS, {"trace": 0.1}) and made.gerbers is gerbers
 
 
 def test_anchor_lines_are_those_of_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
