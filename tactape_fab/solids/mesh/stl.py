@@ -118,8 +118,12 @@ def _near_vertices(mesh: Mesh) -> int:
 
 def body_count(mesh: Mesh) -> int:
     """Bodies that are connected through vertices."""
-    label = np.arange(len(mesh.vertices_mm))
-    faces = mesh.faces
+    return len(np.unique(patches(mesh.faces, len(mesh.vertices_mm))[mesh.faces]))
+
+
+def patches(faces: IntArray, count: int) -> IntArray:
+    """Lowest vertex of the connected triangles that each of `count` vertices belongs to; shape (count,)."""
+    label = np.arange(count)
     while True:
         least = label[faces].min(axis=1)
         new = label.copy()
@@ -129,5 +133,5 @@ def body_count(mesh: Mesh) -> int:
         new = new[new]
         new = new[new]
         if np.array_equal(new, label):
-            return len(np.unique(label[faces]))
+            return label
         label = new

@@ -8,10 +8,11 @@ import numpy as np
 
 from tactape_fab.sense.simulation.parts import Parts
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mesh.stl import patches
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.wrap import unwrapped
 from tactape_fab.texture.cpl import CplContent
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.lands import LandPairs, pair_lands
 from tactape_fab.verify.models.raised import bounds_of_groups, is_raised
@@ -54,24 +55,10 @@ def stl_source(tape: Tape, form: SolidForm, mesh: Mesh) -> Source:
     points = unwrapped(mesh.vertices_mm, tape, form)
     # triangles whose corners are all high: tops hang together, and no wall joins two of them
     faces = mesh.faces[is_raised(tape, form, points)[mesh.faces].all(axis=1)]
-    patch = _patches(len(points), faces)
+    patch = patches(faces, len(points))
     used = np.unique(faces)
     _, number = np.unique(patch[used], return_inverse=True)
     count = int(number.max(initial=-1)) + 1
     low, most = bounds_of_groups(count, number, points[used, :2])
     # the middle of the bounds, not of the vertices, which are denser where cuts of a cylinder cross
     return Source(name="STL", parts=Parts(xy_mm=(low + most) / 2, rotation_deg=np.full(count, tape.part.rotation_deg)))
-
-
-def _patches(count: int, faces: IntArray) -> IntArray:
-    """Lowest vertex index of the patch of triangles that each vertex belongs to; shape (count,)."""
-    patch = np.arange(count)
-    while True:
-        least = patch[faces].min(axis=1)
-        joined = patch.copy()
-        np.minimum.at(joined, faces.ravel(), np.repeat(least, 3))
-        # the label of a label: chains halve in each round
-        joined = joined[joined]
-        if np.array_equal(joined, patch):
-            return joined
-        patch = joined
