@@ -205,7 +205,8 @@ def _make_list(
                 if isinstance(result, FailedKit):
                     status, lines = answer(result.error)
                     statuses.append(status)
-                    failed.append(_failed_mapping(result, status, lines))
+                    which = {"path": str(result.path), "name": result.name, "sector": result.sector}
+                    failed.append({**which, "status": status, "errors": list(lines)})
                     clear_step()
                     echo_lines_err(f"error: {name}: {line}" for line in lines)
                 else:
@@ -316,10 +317,6 @@ class _KitTable:
 
 def _size(size_mm: Sequence[float]) -> str:
     return f"{size_mm[0]:g}x{size_mm[1]:g}"
-
-
-def _failed_mapping(kit: FailedKit, status: int, lines: Sequence[str]) -> dict[str, Any]:
-    return {"path": str(kit.path), "name": kit.name, "sector": kit.sector, "status": status, "errors": list(lines)}
 
 
 def _summary(noun: str, made: int, count: int, folder: Path, seconds: float) -> str:

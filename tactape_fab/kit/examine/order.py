@@ -151,7 +151,6 @@ def examine_order(
         message = f"avoid = {len(avoid)} tapes cannot be used with a panel; leave --avoid out, or use --panel none"
         problems.append(Problem("avoid", message))
     first = request.sectors[0] if request.sectors else tape_values.get("sector")
-    values_of = _Naming(values=tape_values, name=tape_values.get("name"))
     if request.sectors is None and "sectors" in values and "sector" not in tape_values:
         first = 0  # faults of the sectors are among the problems
     base_values = {**tape_values, **({} if first is None else {"sector": first})}
@@ -167,7 +166,7 @@ def examine_order(
         return examine(base_values, output=output, overwrite=overwrite, avoid=avoid), (_no_panel(spec.size_mm, base.fab),)
     if of_panel:
         raise SpecError(of_panel, [f for f in base.findings if f.blocks])
-    examined = _examine_panel(base, request, values_of, by_profile=by_profile)
+    examined = _examine_panel(base, request, tape_values, by_profile=by_profile)
     return examined, examined.remarks
 
 
@@ -210,32 +209,20 @@ def _without_panel(values: Mapping[str, Any], *, films: bool) -> list[Problem]:
     ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Naming:
-    """Values of each tape of a panel, and the panel's name."""
-
-    values: Mapping[str, Any]
-    name: Any
-
-    def panel_name(self, first: int) -> str:
-        return str(self.name) if self.name is not None else f"tactape-panel-s{first:03d}"
-
-    def of(self, sector: int, copy: int | None) -> dict[str, Any]:
-        stem = "tactape" if self.name is None else self.name
-        name = f"{stem}-s{sector:03d}" + ("" if copy is None else f"-{copy}")
-        return {**self.values, "sector": sector, "name": name}
-
-
-def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *, by_profile: bool) -> ExaminedPanel:
+def _examine_panel(base: Examined, request: PanelRequest, values: Mapping[str, Any], *, by_profile: bool) -> ExaminedPanel:
+    """The panel of tapes of these values, each with its own sector and name."""
     fab, size_mm, first = base.fab, base.tape.board.size_mm, base.tape.sector
     count = None if request.sectors is None else len(request.sectors)
     arrangement = request.arrangement or choose_arrangement(size_mm, fab, count)
     panel = plan_panel(size_mm, base.tape.board.corner_radius_mm, arrangement, request.tabs, fab)
     sectors = request.sectors or tuple(first if request.same_sector else first + i for i in range(panel.count))
     copies = request.same_sector and panel.count > 1
-    tapes = tuple(examine(values_of.of(sector, i if copies else None)) for i, sector in enumerate(sectors, start=1))
+    name = values.get("name")
+    stem = "tactape" if name is None else name
+    named = [f"{stem}-s{sector:03d}" + f"-{i}" * copies for i, sector in enumerate(sectors, start=1)]
+    tapes = tuple(examine({**values, "sector": s, "name": n}) for s, n in zip(sectors, named, strict=True))
     return ExaminedPanel(
-        name=values_of.panel_name(first),
+        name=f"tactape-panel-s{first:03d}" if name is None else str(name),
         tapes=tapes,
         panel=panel,
         remarks=tuple(_remarks(panel, sectors, fab, by_profile=by_profile, filled=request.sectors is None and not copies)),

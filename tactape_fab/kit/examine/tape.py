@@ -231,7 +231,9 @@ def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profil
         spec = spec.but(**{problem.root: DEFAULTS[problem.root] for problem in found})
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
         if spec.part_number is not None:
-            problems += sound(_number_problems(spec.part_number, fab.assembly), problems)
+            message = part_number_problem(spec.part_number, fab.assembly)
+            wrong = [] if message is None else [Problem("part_number", message, needs=("assembly", "fab"))]
+            problems += sound(wrong, problems)
             part = replace(part, part_numbers={**part.part_numbers, fab.assembly: spec.part_number})
         return spec, Profiles(fab=fab_for(spec, fab, part), part=part, process=process)
     if isinstance(part, ElementProfile) and spec.body_mm is not None:
@@ -240,11 +242,6 @@ def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profil
     if part is not None:
         problems.append(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
     return spec, None
-
-
-def _number_problems(number: str, house: str) -> list[Problem]:
-    message = part_number_problem(number, house)
-    return [] if message is None else [Problem("part_number", message, needs=("assembly", "fab"))]
 
 
 def _avoid_problems(spec: TapeSpec, avoid: Sequence[Tape]) -> list[Problem]:

@@ -182,7 +182,8 @@ def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -
     window = shapely.box(*low, *high)
     # openings of parts at a rounded corner reach beyond the box's own inset: the outline is offset inward by the least inset of
     # all their vertices, and an outline with corners of radius R offset by f has corners of radius R - f
-    frame_mm = _least_frame_mm(board, parts_xy_mm, opening_mm)
+    vertices_mm = parts_xy_mm[:, None] + opening_mm
+    frame_mm = max(float(inset_mm(vertices_mm, board.size_mm, board.corner_radius_mm).min()), 0.0)
     radius_mm = max(board.corner_radius_mm - frame_mm, 0.0)
     size_mm = (board.size_mm[0] - 2 * frame_mm, board.size_mm[1] - 2 * frame_mm)
     inner = rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(board.size_mm) / 2
@@ -190,8 +191,3 @@ def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -
     ring = shapely.Polygon(inner).intersection(window).exterior
     points = snap_mm(np.array(ring.coords)[:-1])
     return points if ring.is_ccw else points[::-1]
-
-
-def _least_frame_mm(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> float:
-    vertices = parts_xy_mm[:, None] + opening_mm
-    return max(float(inset_mm(vertices, board.size_mm, board.corner_radius_mm).min()), 0.0)

@@ -16,7 +16,6 @@ from tactape_fab.kit.film.layout import Flashes, Layout, Legend
 from tactape_fab.kit.outlines import PartOutlines
 from tactape_fab.kit.profiles import PartProfile
 from tactape_fab.texture.frames import FloatArray, snap_mm
-from tactape_fab.texture.tape import Tape
 
 Hole = tuple[float, float, float]
 Offset = tuple[float, float]
@@ -101,15 +100,12 @@ class Drawing:
         return [f"R{i}" for i in range(1, sum(len(parts.xy_mm) for parts in self.parts) + 1)]
 
 
-def _key(tape: Tape) -> str:
-    return f"{tape.name}/{tape.code}/{tape.sector}/{tape.origin}/{tape.pitch_mm}/{tape.displacement_mm}/{tape.board}"
-
-
 def tape_drawing(layout: Layout) -> Drawing:
     """The drawing of a single tape."""
     tape = layout.tape
+    key = f"{tape.name}/{tape.code}/{tape.sector}/{tape.origin}/{tape.pitch_mm}/{tape.displacement_mm}/{tape.board}"
     return Drawing(
-        project=Project(name=tape.name, key=_key(tape)),
+        project=Project(name=tape.name, key=key),
         size_mm=tape.board.size_mm,
         corner_radius_mm=tape.board.corner_radius_mm,
         thickness_mm=tape.board.thickness_mm,

@@ -54,17 +54,11 @@ def cited(origin: Origin) -> dict[str, Any]:
 
 def read_limit(table: Fields) -> Limit:
     value_mm = table.number("value_mm", low=0.0, high=100.0)
-    return Limit(
-        value_mm=value_mm,
-        level=read_level(table),
-        **asdict(read_origin(table)),
-        warn_mm=_warn_mm(table, value_mm) if "warn_mm" in table.values else None,
-    )
-
-
-def _warn_mm(table: Fields, value_mm: float) -> float:
-    remedy = f"give more than value_mm = {value_mm:g} mm, or leave it out"
-    return table.number("warn_mm", above=0.0 if isnan(value_mm) else value_mm, high=100.0, remedy=remedy)
+    level, origin, warn_mm = read_level(table), asdict(read_origin(table)), None
+    if "warn_mm" in table.values:
+        remedy = f"give more than value_mm = {value_mm:g} mm, or leave it out"
+        warn_mm = table.number("warn_mm", above=0.0 if isnan(value_mm) else value_mm, high=100.0, remedy=remedy)
+    return Limit(value_mm=value_mm, level=level, **origin, warn_mm=warn_mm)
 
 
 def read_level(table: Fields) -> Level:

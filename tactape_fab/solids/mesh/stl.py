@@ -98,7 +98,9 @@ def mesh_problems(mesh: Mesh) -> list[str]:
         problems.append(f"{shared} edges between more than two triangles" if shared else opposite)
     elif not np.array_equal(edge, back):
         problems.append(f"{len(np.setdiff1d(edge, back))} edges without a second triangle: it is not watertight")
-    near = _near_vertices(mesh)
+    square = ((mesh.corners_mm - np.roll(mesh.corners_mm, -1, axis=1)) ** 2).sum(axis=2)
+    # in a closed mesh each edge belongs to two triangles
+    near = int((square < _JOINED_MM**2).sum()) // 2
     if near:
         problems.append(f"{near} edges shorter than {_JOINED_MM:g} mm, whose ends other readers join")
     bodies = body_count(mesh)
@@ -107,13 +109,6 @@ def mesh_problems(mesh: Mesh) -> list[str]:
     if mesh.volume_mm3 <= 0.0:
         problems.append("its triangles face inward")
     return problems
-
-
-def _near_vertices(mesh: Mesh) -> int:
-    corners = mesh.corners_mm
-    square = ((corners - np.roll(corners, -1, axis=1)) ** 2).sum(axis=2)
-    # in a closed mesh each edge belongs to two triangles
-    return int((square < _JOINED_MM**2).sum()) // 2
 
 
 def body_count(mesh: Mesh) -> int:

@@ -53,6 +53,7 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
     # eigenvectors may come as a mirror image, which no quaternion is
     vectors[:, 2] *= np.sign(np.linalg.det(vectors))
     faces, points = body.mesh.faces, _M * body.mesh.vertices_mm
+    collides = "" if body.hull is None else ', "PhysicsCollisionAPI", "PhysicsMeshCollisionAPI"'
     lines = [
         "#usda 1.0",
         "(",
@@ -67,7 +68,7 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
         f"    float3 physics:diagonalInertia = {_tuple(values)}",
         # how the principal axes lie in the body's frame, they are the matrix's columns; USD has the real part first
         f"    quatf physics:principalAxes = {_tuple(matrix_quaternion(vectors))}",
-        f'    def Mesh "visual" (prepend apiSchemas = [{", ".join(_mesh_schemas(body))}])',
+        f'    def Mesh "visual" (prepend apiSchemas = ["MaterialBindingAPI"{collides}])',
         "    {",
         '        uniform token subdivisionScheme = "none"',
         *([] if body.hull is None else ['        uniform token physics:approximation = "convexHull"']),
@@ -95,11 +96,6 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
             "    }",
         ]
     return ("\n".join([*lines, "}"]) + "\n").encode("ascii")
-
-
-def _mesh_schemas(body: Body) -> list[str]:
-    collides = [] if body.hull is None else ['"PhysicsCollisionAPI"', '"PhysicsMeshCollisionAPI"']
-    return ['"MaterialBindingAPI"', *collides]
 
 
 def matrix_quaternion(rotation: FloatArray) -> FloatArray:
