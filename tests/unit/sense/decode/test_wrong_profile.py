@@ -272,6 +272,11 @@ def test_a_perfect_grid_has_all_the_power_and_ridges_have_it_at_one_axis() -> No
     assert first == pytest.approx(1.0) and second < 0.5
 
 
+def test_the_power_of_dots_off_a_grid_is_that_of_their_waves_sum() -> None:
+    """Two dots a third of the pitch apart: |1 + exp(2 pi i / 3)|^2 / 4 = 1/4."""
+    assert _powers(np.array([(0.0, 0.0), (4.0, 0.0)]), np.ones(2), 0.0, 12.0) == pytest.approx((0.25, 1.0))
+
+
 def pitch_of(
     monkeypatch: pytest.MonkeyPatch,
     lattices: list[tuple[float, float]],
