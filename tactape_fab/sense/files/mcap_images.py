@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,10 +12,11 @@ from typing import Any
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import shown, shown_path
-from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
 from tactape_fab.sense.files.recording_kinds import (
+    BAG,
     MCAP,
     MOST_TIMES_PACKED,
     MOST_UNPACKED_BYTES,
@@ -32,6 +34,12 @@ _MOST_RECORDS, _BYTES_OF_RECORD = 250_000, 8
 """Records in the packed chunks of a file, besides one for so many of its bytes. The shortest message takes 31 bytes unpacked."""
 _RECORD_BEGIN = 9
 """Bytes before the content of a record: its kind, and its length in eight bytes, the lowest first (MCAP 0, "Records")."""
+_LIST = re.compile(r"^ *relative_file_paths: *\n((?: *-[^\n]+(?:\n|$))+)", re.MULTILINE)
+"""List of a bag's files in its metadata.yaml, a name a line, as rosbag2 and rosbags write it."""
+_PACKED_ALONE = re.compile(r"^ *compression_mode: *[\"']?message\b", re.MULTILINE | re.IGNORECASE)
+_MOST_LIST_BYTES = 1 << 24
+_ZSTD = ".zstd"
+"""Ending that rosbag2 gives to a file that it packed as a whole."""
 _OURS = "tactape-fab "
 """Begin of one of the programs in a file's header: mcap's own tools put themselves before what was there ("mcap go #v1; ...")."""
 
@@ -44,11 +52,7 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
     """
     files = [path]
     if path.suffix.lower() != MCAP:
-        files = sorted(path.glob(f"*{MCAP}"), key=lambda file: by_number(file.name))
-        if not files:
-            bag = path if path.suffix.lower() != OTHER_BAGS[0] else path.absolute().parent
-            words = f"--src {quote(shown_path(bag))} --dst {quote(f'{shown_path(bag)}-mcap')} --dst-storage mcap"
-            raise SpecError(f"it is a bag without an {MCAP} file; with pip install rosbags, rosbags-convert {words} makes one")
+        files = _files_of(path)
     topics, ours = dict[str, bool](), True
     for file in files:
         for kind, record in _records(file):
@@ -65,6 +69,38 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
         said = f"--topic {shown(topic)} is no topic of images in it" if topic else "of which topic its images are has to be said"
         raise SpecError(f"{said}; give --topic NAME, one of: {there}")
     return topic, ours or topics[topic], partial(_images, files, topic, colour)
+
+
+def _files_of(path: Path) -> list[Path]:
+    """The MCAP files of a bag, in the order of its metadata's list, as rosbag2 plays them.
+
+    Raises SpecError when one of the list is not there, or one is there that is not in the list: a recording would have a gap, or
+    frames of another one.
+    """
+    bag = path if path.suffix.lower() != OTHER_BAGS[0] else path.absolute().parent
+    words = f"--src {quote(shown_path(bag))} --dst {quote(f'{shown_path(bag)}-mcap')} --dst-storage mcap"
+    convert = f"with pip install rosbags, rosbags-convert {words} makes one"
+    files = sorted(path.glob(f"*{MCAP}"), key=lambda file: by_number(file.name))
+    if not files:
+        raise SpecError(f"it is a bag without an {MCAP} file; {convert}")
+    if not (path / BAG).is_file():  # a folder that is named as a bag
+        return files
+    text = read_regular(path / BAG, _MOST_LIST_BYTES).decode(errors="replace").replace("\r", "")
+    if _PACKED_ALONE.search(text):
+        raise SpecError(f"each message in it is packed by itself, which no {MCAP} file that can be read has; {convert}")
+    found = _LIST.search(text)
+    lines = [] if found is None else found[1].splitlines()
+    # rosbag2 before version 4 of the list put the folder before each name
+    listed = [Path(line.strip().removeprefix("-").strip().strip("\"'")).name.removesuffix(_ZSTD) for line in lines]
+    if not all(name.lower().endswith(MCAP) for name in listed) or not listed:
+        return files
+    there = {file.name: file for file in files}
+    gone, more = [name for name in listed if name not in there], [name for name in there if name not in listed]
+    if gone:
+        raise SpecError(f"its {BAG} lists {some_of(gone)}, not there (unpacked); copy all of the bag, or give its {MCAP} files")
+    if more:
+        raise SpecError(f"its {BAG} does not list {some_of(more)}; move that away, or give the {MCAP} files that you mean")
+    return [there[name] for name in listed]
 
 
 def _images(files: Sequence[Path], topic: str, colour: bool) -> Iterator[Stamped]:

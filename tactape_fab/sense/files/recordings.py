@@ -143,5 +143,6 @@ def _damaged(path: Path, error: Exception) -> SpecError:
     said = str(error).split("\n", maxsplit=1)[0][:200] or type(error).__name__
     if isinstance(error, FrameError | ValueError | OSError):
         return SpecError(Problem("frames", f"{shown_path(path)} cannot be read: {said}; record it again, or give another"))
-    remedy = "mcap recover FILE.mcap -o WHOLE.mcap saves what is whole" if path.suffix.lower() == MCAP else "record it again"
+    packed = path.suffix.lower() == MCAP or (path / BAG).is_file()
+    remedy = "mcap recover FILE.mcap -o WHOLE.mcap saves what is whole" if packed else "record it again"
     return SpecError(Problem("frames", f"{shown_path(path)} is damaged ({type(error).__name__}: {said}); {remedy}"))

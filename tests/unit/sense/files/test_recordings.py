@@ -9,7 +9,7 @@ import shlex
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -165,6 +165,23 @@ def test_a_folder_of_rosbag2_is_read(mode: CompressionMode | None, tmp_path: Pat
     assert (file.topic, [file.time_of(k) for k in range(COUNT)]) == ("/gel/depth", [7.0, 8.0, 9.0, 10.0])
     for k, frame in enumerate(file.frames()):
         np.testing.assert_array_equal(frame, ramp(k))
+
+
+def _split(folder: Path, *, listed: Sequence[str] = ("b_10.mcap", "b_9.mcap"), mode: str = "") -> Path:
+    """A bag of two files with a frame each, and its list, as rosbag2 lays it out."""
+    for k in (9, 10):
+        mcap(folder / f"b_{k}.mcap", {"/gel": [IMAGE.encode(image_message(ramp(k), "32FC1", k))]})
+    lines = "".join(f"    - {name}\n" for name in listed)
+    text = f"rosbag2_bagfile_information:\n  compression_mode: {mode}\n  relative_file_paths:\n{lines}  ros_distro: jazzy\n"
+    (folder / "metadata.yaml").write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("listed", [("b_10.mcap", "b_9.mcap"), ('"bag/b_10.mcap"', "'b_9.mcap.zstd'")])
+def test_files_of_a_split_bag_are_read_in_the_order_of_its_list(listed: Sequence[str], tmp_path: Path) -> None:
+    first, second = open_recording(_split(tmp_path, listed=listed), SENSOR).frames()
+    np.testing.assert_array_equal(first, ramp(10))
+    np.testing.assert_array_equal(second, ramp(9))
 
 
 @pytest.mark.parametrize("kind", ["folder", ".db3", ".bag"])
@@ -455,6 +472,9 @@ def _long_names(folder: Path) -> Path:
         (_long_names, r"1 x{98}\.\.\., .*, 19 x{97}\.\.\. and 80 more$"),
         (_several, "give --topic NAME, one of: /left, /right"),
         (_cut, r"is damaged .*; mcap recover FILE\.mcap -o WHOLE\.mcap saves what is whole"),
+        (lambda folder: _split(folder, listed=["b_9.mcap", "b_10.mcap", "b_11.mcap"]), r"lists b_11\.mcap, not there"),
+        (lambda folder: _split(folder, listed=["b_9.mcap"]), r"does not list b_10\.mcap; move that away"),
+        (lambda folder: _split(folder, mode="MESSAGE"), "each message in it is packed by itself, .*rosbags-convert --src"),
         (_no_file, "rosbags-convert --src .* --dst-storage mcap"),
         (_bomb, "unpacks to more than"),
         (_noise, "is damaged"),
