@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.calibrate.adjust import OF_ALL, OF_PRESS, Bundle, completed, pattern_of, problem_of, rows_of, start
 from tactape_fab.sense.calibrate.errors import whitening
+from tactape_fab.sense.calibrate.odd_pose import odd_pose
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.sense.files.arm_poses import HAND_EYE_FORMAT, ArmPose
 from tactape_fab.texture.frames import FloatArray
@@ -36,6 +37,10 @@ LEAST_SIGMAS = np.array([0.005, 0.005, 0.01, 0.001, 0.001, 0.0002])
 FAR_MM = 2000.0
 """Standard deviation of all places before anything is seen."""
 OBSERVED_MM, OBSERVED_RAD = 5.0, 0.1
+LEAST_BEYOND_MM, BEYOND_SIGMAS = 10.0, 3.0
+"""How far beyond the tape the flange is where that is said, and so many standard deviations: a tool's frame may be in the gel."""
+FACE_DOWN = 0.7
+"""Cosine of the angle between the tape's normal and the base's z axis, downward, from where on the tape faces down: 45 deg."""
 MOST_SHARE = 0.5
 """Most of the variance of tilts that may be the arm's own errors: beyond, tilts say nothing of how far the sensor reaches out."""
 _STARTS = 6
@@ -113,9 +118,8 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     if len(places) > 1:
         message = f"tapes have the texture of {name} elsewhere on their boards, and a touch does not tell which is pressed"
         raise SpecError(Problem("tape", f"{message}; give only that one"))
-    arm = np.array([flange[presses[k].frame] for k in which])
     origin = np.array(on_board.board.texture_origin_mm)
-    both = _first(arm, bundle.poses[which], origin)
+    which, arm, both, odd = _agreeing(which, np.array([flange[presses[k].frame] for k in which]), bundle, presses, origin)
     sigmas = SIGMAS
     problem = problem_of(presses, bundle.sensor, bundle.errors, bundle.free)
     z = np.concatenate([start(problem), both])
@@ -149,8 +153,35 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
         tape=name,
         frames=tuple(presses[k].frame for k in which),
         left=rms,
-        remarks=tuple(_remarks(covariance)),
+        remarks=(*odd, *_remarks(covariance), *_mirrored(matrix_of(z[-12:-6]), matrix_of(z[-6:]), covariance)),
     )
+
+
+def _agreeing(
+    which: list[int], arm: FloatArray, bundle: Bundle, presses: Sequence[Press], origin_mm: FloatArray
+) -> tuple[list[int], FloatArray, FloatArray, list[str]]:
+    """Presses, poses of the arm and both transforms roughly, without poses that all others contradict; and what is said of those.
+
+    At most a fifth are left out: more are another fault, which what is left over tells.
+    """
+    said: list[str] = []
+    most = len(which) // LEAST_POSES
+    while True:
+        poses = bundle.poses[which]
+        both = _first(arm, poses, origin_mm)
+        if len(said) == most or len(which) <= LEAST_POSES:
+            return which, arm, both, said
+        left = partial(misfits, arm, poses, origin_mm)
+        prior = np.array([*[1.0 / FAR_MM] * 3, 0.0, 0.0, 0.0] * 2)
+        odd = odd_pose(left, both, SIGMAS, LEAST_SIGMAS, prior)
+        if odd is None:
+            return which, arm, both, said
+        said.append(
+            f"hand-eye: the pose of frame {presses[which[odd.index]].frame} is left out: by all others it is "
+            f"{odd.off_mm:.2g} mm and {np.degrees(odd.off_rad):.2g} deg off on the tape; did the arm still move, or is it the "
+            "row of another frame?"
+        )
+        which, arm = [k for k in which if k != which[odd.index]], np.delete(arm, odd.index, axis=0)
 
 
 class _Joint:
@@ -294,6 +325,28 @@ def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatAr
     for turn in (best[3:6], best[9:12]):
         turn[:] = Rotation.from_rotvec(turn).as_rotvec()
     return best
+
+
+def _mirrored(sensor_to_flange: FloatArray, tape_to_base: FloatArray, covariance: FloatArray) -> list[str]:
+    """A remark where poses may be those of a mirrored base: the flange lies beyond the surface that is touched.
+
+    Poses B of a base with one axis mirrored, M B M, fit as exactly as the true ones: with N the mirror of z, M B M (M X N) =
+    (M Y N) (N P N) holds, both transforms in brackets are rotations with places, and N P N is P with its height and tilts
+    negated, which no press shows. Nothing that is left over tells that. But the sensor then looks to where the flange is; and
+    where that is not known, a tape that lies face up in its base looks down, if it is x or y that is mirrored.
+    """
+    beyond_mm, sigma_mm = -float(sensor_to_flange[:3, 2] @ sensor_to_flange[:3, 3]), float(np.sqrt(covariance[2, 2]))
+    if beyond_mm > max(LEAST_BEYOND_MM, BEYOND_SIGMAS * sigma_mm):
+        seen = f"the flange is {beyond_mm:.0f} mm beyond the tape, on the side to which the sensor looks"
+        unless = "the sensor does look back to the flange"
+    elif sigma_mm > OBSERVED_MM and tape_to_base[2, 2] < -FACE_DOWN:
+        seen, unless = "the tape faces down in the base, against its z axis", "it does"
+    else:
+        return []
+    return [
+        f"hand-eye: {seen}; so poses say of a base with one axis mirrored, such as y counted the other way, and fit as well, but "
+        f"the sensor's z axis is the wrong way round then: check that x, y and z of the base are right-handed, unless {unless}"
+    ]
 
 
 def _remarks(covariance: FloatArray) -> list[str]:

@@ -171,3 +171,54 @@ def test_poses_that_do_not_fit_the_presses_are_refused(wrong: str) -> None:
     with pytest.raises(SpecError, match=r"poses of the flange do not fit the presses: .* are left over on the tape"):
         changed = [ArmPose(frame=pose.frame, flange_to_base=matrix) for pose, matrix in zip(poses, matrices, strict=True)]
         solved_again(changed)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_poses_of_a_mirrored_base_are_named(axis: int) -> None:
+    """They fit as exactly as the true ones: only that the sensor looks back to the flange gives them away."""
+    mirror = np.diag([-1.0 if k == axis else 1.0 for k in range(4)])
+    poses = arm_poses(presses().poses, 0.05)
+    found, mirrored = (
+        solved_again([replace(p, flange_to_base=by @ p.flange_to_base @ by) for p in poses]) for by in (np.eye(4), mirror)
+    )
+    assert mirrored.left == pytest.approx(found.left, rel=0.01)
+    said = [[remark for remark in one.remarks if "right-handed" in remark] for one in (found, mirrored)]
+    assert said[0] == [] and len(said[1]) == 1 and "80 mm beyond the tape" in said[1][0]
+
+
+def test_a_tape_that_faces_down_is_named_where_the_reach_is_open() -> None:
+    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+    poses = arm_poses(presses().poses, 0.0)
+    assert not any("right-handed" in remark for remark in solved_again(poses).remarks)
+    mirrored = solved_again([replace(p, flange_to_base=mirror @ p.flange_to_base @ mirror) for p in poses])
+    assert sum("the tape faces down in the base" in remark for remark in mirrored.remarks) == 1
+
+
+def off_by(frame: int, *motion: float) -> list[ArmPose]:
+    """Poses of the arm, that of a frame moved in the sensor's frame: mm and rad."""
+    poses = arm_poses(presses().poses)
+    moved = poses[frame].flange_to_base @ ON_FLANGE @ matrix_of(np.array(motion)) @ np.linalg.inv(ON_FLANGE)
+    return [replace(p, flange_to_base=moved) if p.frame == frame else p for p in poses]
+
+
+@pytest.mark.parametrize("motion", [(2.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.1)])
+def test_a_pose_that_all_others_contradict_is_left_out_and_named(motion: tuple[float, ...]) -> None:
+    found = solved_again(off_by(4, *motion))
+    assert found.frames == (0, 1, 2, 3, 5, 6, 7, 8, 9)
+    assert sum("the pose of frame 4 is left out" in remark for remark in found.remarks) == 1
+    assert found.left[:2].max() < 0.08
+
+
+def test_a_pose_tilted_too_far_does_not_say_how_far_the_sensor_reaches() -> None:
+    """It decides that, as others hardly tilt, and so it is they that do not fit."""
+    poses = arm_poses(presses().poses)
+    tilt = matrix_of(np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0]))
+    found = solved_again([replace(p, flange_to_base=p.flange_to_base @ tilt) if p.frame == 4 else p for p in poses])
+    assert 4 not in found.frames
+    off_mm = (np.linalg.inv(ON_FLANGE) @ found.sensor_to_flange)[2, 3]
+    assert abs(off_mm) < 4.0 * np.sqrt(found.covariance[2, 2]) < 10.0
+
+
+def test_a_press_that_was_tilted_on_purpose_is_kept() -> None:
+    """How a press is tilted is not in its pose on the tape: a single tilted one says how far the sensor reaches."""
+    assert solved_again(off_by(4, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0)).frames == tuple(range(10))

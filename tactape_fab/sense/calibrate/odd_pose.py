@@ -1,0 +1,104 @@
+"""The pose of an arm that all others contradict, by leaving each out (Cook and Weisberg, Residuals and influence, 1982, ch. 2).
+
+A pose of an arm that still moved, or of another frame, is not far off itself where it decides what the others leave open: tilted
+by 6 deg too much among presses that tilt by 1 it has the sensor reach out as far as it says, and all others are off. So each pose
+is held against what the others alone say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.special import fdtrc
+
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+CHANCE = 1e-4
+"""Chance that any pose is taken for an odd one where all errors are normal."""
+LEAST_MM, LEAST_RAD = 0.3, 0.01
+"""An odd pose is off by either, on the tape: a gel that slid by less is no fault of a pose, and hardly moves an answer."""
+SEEN = [0, 1, 5]
+"""Of x, y, z and three turns those that a press shows: how high and how tilted a sensor lies is assumed, and people tilt it."""
+_CANDIDATES, _ROUNDS = 3, 4
+_STEP = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OddPose:
+    """A pose that is off on the tape by so much, by what the others say.
+
+    index: Among the poses.
+    """
+
+    index: int
+    off_mm: float
+    off_rad: float
+
+
+def odd_pose(
+    left: Callable[[FloatArray], FloatArray], z: FloatArray, sigmas: FloatArray, least: FloatArray, prior: FloatArray
+) -> OddPose | None:
+    """The pose that the others contradict most, if chance does not explain it.
+
+    left: From the unknowns to what is left over of each pose, x, y, z (mm) and turns (rad); (u,) to (m, 6).
+    z (u,): The unknowns by all poses.
+    sigmas, least (6,): Errors of each kind to start from, and the least.
+    prior (u,): 1 / standard deviation of each unknown before anything is seen.
+    """
+    rates, at = _rates(left, z), left(z)
+    every = np.arange(len(at))
+    linear = [_held(at, rates, z, np.delete(every, k), k, sigmas, least, prior) for k in range(len(at))]
+    likeliest = sorted(range(len(at)), key=lambda k: linear[k][0])[:_CANDIDATES]
+    best: tuple[float, OddPose] | None = None
+    for k in likeliest:
+        others = np.delete(every, k)
+        weight = 1.0 / linear[k][2]
+
+        def rows(x: FloatArray, others: IntArray = others, weight: FloatArray = weight) -> FloatArray:
+            return np.concatenate([(left(x)[others] * weight).ravel(), x * prior])
+
+        # the unknowns by all poses are drawn by this one: rates are those at the others' own solution
+        own = least_squares(rows, z, max_nfev=20).x
+        chance, off, _ = _held(left(own), _rates(left, own), own, others, k, sigmas, least, prior)
+        off_mm, off_rad = float(np.hypot(off[0], off[1])), abs(float(off[5]))
+        if chance * len(every) < CHANCE and (off_mm > LEAST_MM or off_rad > LEAST_RAD) and (best is None or chance < best[0]):
+            best = chance, OddPose(index=k, off_mm=off_mm, off_rad=off_rad)
+    return None if best is None else best[1]
+
+
+def _rates(left: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
+    """Derivatives of what is left over by the unknowns; (m, 6, u)."""
+    steps = _STEP * np.eye(len(z))
+    return np.stack([(left(z + d) - left(z - d)) / (2.0 * _STEP) for d in steps], axis=2)
+
+
+def _held(
+    at: FloatArray,
+    rates: FloatArray,
+    z: FloatArray,
+    others: IntArray,
+    k: int,
+    sigmas: FloatArray,
+    least: FloatArray,
+    prior: FloatArray,
+) -> tuple[float, FloatArray, FloatArray]:
+    """Pose k by what some others say, to first order about z: how likely that is by chance, how far it is off, their errors."""
+    by, said = rates[others], at[others]
+    for _ in range(_ROUNDS):
+        scaled = (by / sigmas[:, None]).reshape(-1, len(z))
+        covariance = np.linalg.pinv(scaled.T @ scaled + np.diag(prior**2), hermitian=True)
+        step = -covariance @ (scaled.T @ (said / sigmas).ravel() + prior**2 * z)
+        rest = said + by @ step
+        # what the unknowns take of each row, as in `hand_eye`
+        taken = np.einsum("ij,jk,ik->i", scaled, covariance, scaled).reshape(-1, 6)
+        freedom = np.maximum((1.0 - taken).sum(axis=0), 1e-3)
+        used, sigmas = sigmas, np.maximum(np.sqrt((rest**2).sum(axis=0) / freedom), least)
+    off = at[k] + rates[k] @ step
+    of = rates[k][SEEN]
+    spread = of @ covariance @ of.T + np.diag(used[SEEN] ** 2)
+    # three normal errors over an estimated size: Snedecor's F, with the fewest degrees of freedom of the three kinds
+    ratio = float(off[SEEN] @ np.linalg.solve(spread, off[SEEN])) / len(SEEN)
+    return float(fdtrc(len(SEEN), freedom[SEEN].min(), ratio)), off, used
