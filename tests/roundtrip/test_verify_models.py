@@ -21,7 +21,7 @@ from click.testing import CliRunner
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.solids.mesh.stl import read_stl
-from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes
+from tactape_fab.solids.mesh.triangles import STL_TRIANGLE, Mesh, stl_bytes
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed, replaced, text_of
@@ -151,6 +151,17 @@ def ascii_stl(data: bytes) -> bytes:
     return ("solid t\n" + "".join(rows) + "endsolid t\n").encode("ascii")
 
 
+def normals(change: Callable[[FloatArray], FloatArray]) -> Callable[[bytes], bytes]:
+    """Change the normals of an STL; corners stay."""
+
+    def edit(data: bytes) -> bytes:
+        triangles = np.frombuffer(data, dtype=STL_TRIANGLE, offset=84).copy()
+        triangles["normal"] = change(triangles["normal"])
+        return data[:84] + triangles.tobytes()
+
+    return edit
+
+
 def number_in_stl(value: float, triangle: int = 50) -> Edit:
     at = 84 + 50 * triangle + 12
     return bytes_of("stl", lambda data: data[:at] + struct.pack("<f", value) + data[at + 4 :])
@@ -186,6 +197,7 @@ def bomb(data: bytes) -> bytes:
     return bytes(changed)
 
 
+TWICE = ('unit="inch" unit="millimeter"', 'unit="millimeter" unit="inch"')
 MOVED, SCALED = "1 0 0 0 1 0 0 0 1 5 0 0", "2 0 0 0 2 0 0 0 2 0 0 0"
 QUICK: list[Any] = [
     # STL
@@ -204,6 +216,9 @@ QUICK: list[Any] = [
     case("STL: infinity", number_in_stl(float("-inf")), "stl", says="not finite numbers"),
     case("STL: a corner moved", number_in_stl(3.0), "stl", "3mf"),
     case("STL: a corner far away", number_in_stl(3e38), "stl"),
+    case("STL: normals turned inward", bytes_of("stl", normals(lambda n: -n)), "stl", says="normals that are not those of"),
+    case("STL: normals are NaN", bytes_of("stl", normals(lambda n: n * np.nan)), "stl", says="normals that are not those of"),
+    case("STL: begins as ASCII does", bytes_of("stl", lambda b: b"solid t".ljust(80) + b[80:]), "stl", says="take it for ASCII"),
     case("STL: in ASCII", bytes_of("stl", ascii_stl), "stl", says="do not fit"),
     case("STL: no triangles", bytes_of("stl", lambda b: b[:80] + b"\0\0\0\0"), "stl", says="announces 0"),
     case("STL: 4294967295 triangles", bytes_of("stl", lambda b: b[:80] + b"\xff\xff\xff\xff" + b[84:]), "stl"),
@@ -219,6 +234,12 @@ QUICK: list[Any] = [
     case("3MF: the item scaled", model_of(lambda t: t.replace("<item ", f'<item transform="{SCALED}" ')), "3mf"),
     case("3MF: nothing to build", model_of(lambda t: t.replace('<item objectid="1"/>', "")), "3mf"),
     case("3MF: the item twice", model_of(lambda t: t.replace('<item objectid="1"/>', '<item objectid="1"/>' * 2)), "3mf"),
+    case("3MF: asks for an extension", model_of(lambda t: t.replace("<model ", '<model requiredextensions="p" ')), "3mf"),
+    case("3MF: of no namespace", model_of(lambda t: t.replace("/core/2015/02", "/core/2015/03")), "3mf"),
+    case("3MF: the unit twice", model_of(lambda t: t.replace("<model ", '<model unit="inch" ').replace(*TWICE)), "3mf"),
+    case("3MF: a second type", model_of(lambda t: t.replace('type="model"', 'type="model" type="support"')), "3mf"),
+    case("3MF: bytes before it", bytes_of("3mf", lambda b: b"#!/bin/sh\n" + b), "3mf", says="before or behind"),
+    case("3MF: bytes behind it", bytes_of("3mf", lambda b: b + b"PK"), "3mf", says="before or behind"),
     case("3MF: zip cut", bytes_of("3mf", lambda b: b[: len(b) // 2]), "3mf", says="cannot be unpacked"),
     case("3MF: zip damaged", bytes_of("3mf", lambda b: b[:600] + bytes(64) + b[664:]), "3mf", says="cannot be unpacked"),
     case("3MF: announces 4 GB", bytes_of("3mf", bomb), "3mf", says="announces"),

@@ -19,6 +19,10 @@ _PIECE_TRIANGLES = 100_000
 MOST_TRIANGLES = 20_000_000
 _JOINED_MM = 1e-6
 """Vertices nearer than a nanometre are one to many programs, trimesh (1e-8) among them: the mesh is another one to each."""
+_THIN = 1e-4
+"""Area of a triangle over the product of two sides, below which rounding to float32 may turn its normal."""
+_SAME_WAY = 0.99
+"""Cosine between a triangle's normal and that of its corners; float32 leaves 1e-3 rad to triangles that are not thin."""
 
 
 class MeshError(TactapeError):
@@ -79,6 +83,30 @@ def _merged(points: np.ndarray) -> tuple[np.ndarray, IntArray]:
     number = np.empty(len(points), dtype=np.int64)
     number[order] = np.cumsum(first) - 1
     return ordered[first], number
+
+
+def stl_problems(data: bytes) -> list[str]:
+    """Reasons why readers may take a binary STL, which `read_stl` reads, for another one; empty if there are none.
+
+    Some readers take a file that begins with "solid" for ASCII, and some take the outside from the normals, not from the corners.
+    """
+    problems = ["it begins with 'solid', so that many readers take it for ASCII"] if data[:5].lower() == b"solid" else []
+    triangles = np.frombuffer(data, dtype=STL_TRIANGLE, offset=_HEADER_BYTES)
+    wrong = 0
+    for start in range(0, len(triangles), _PIECE_TRIANGLES):
+        piece = triangles[start : start + _PIECE_TRIANGLES]
+        normals = piece["normal"].astype(np.float64)
+        first, second, third = np.moveaxis(piece["corners"].astype(np.float64), 1, 0)
+        one, other = second - first, third - first
+        across = np.cross(one, other)
+        area = np.sqrt(np.einsum("ij,ij->i", across, across))
+        sides = np.sqrt(np.einsum("ij,ij->i", one, one) * np.einsum("ij,ij->i", other, other))
+        # zeros leave it to the reader
+        sure = (area > _THIN * sides) & normals.any(axis=1)
+        with np.errstate(invalid="ignore"):  # of infinite normals
+            agree = np.einsum("ij,ij->i", across, normals) > _SAME_WAY * area
+        wrong += int((~np.isfinite(normals).all(axis=1) | (sure & ~agree)).sum())
+    return [*problems, *([f"{wrong} normals that are not those of their triangles' corners"] if wrong else [])]
 
 
 def mesh_problems(mesh: Mesh) -> list[str]:

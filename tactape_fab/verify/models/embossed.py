@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from tactape_fab.base.errors import Check, SpecError, refuse
 from tactape_fab.base.fields import Fields
-from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl
+from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl, stl_problems
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import nearest
 from tactape_fab.solids.surface.placements import Placed, PlacementsError, read_placements
@@ -43,7 +43,7 @@ def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_byt
         mesh = read_stl(stl_bytes)
     except MeshError as error:
         return [Check(name="stl", passed=False, message=str(error))]
-    checks = [_check_body(mesh, bodies), _check_volume(mesh, volume_mm3)]
+    checks = [_check_body(mesh, bodies, stl_problems(stl_bytes)), _check_volume(mesh, volume_mm3)]
     try:
         placed = read_placements(placements_bytes, tape.part_count)
     except PlacementsError as error:
@@ -57,9 +57,9 @@ def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_byt
     return checks + check_symbols(tape, board_mm, "STL")
 
 
-def _check_body(mesh: Mesh, bodies: int) -> Check:
+def _check_body(mesh: Mesh, bodies: int, file_problems: Sequence[str]) -> Check:
     found = body_count(mesh)
-    problems = [problem for problem in mesh_problems(mesh) if not problem.endswith(" bodies")]
+    problems = [*file_problems, *(problem for problem in mesh_problems(mesh) if not problem.endswith(" bodies"))]
     if found != bodies:
         problems.append(f"{found} bodies instead of {bodies}")
     shells = "one body" if found == 1 else f"{found} shells"

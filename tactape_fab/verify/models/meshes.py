@@ -20,7 +20,7 @@ from tactape_fab.base.fields import named, shown_path
 from tactape_fab.base.input_file import read_member
 from tactape_fab.solids.elements import closed_element, element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mesh.stl import MeshError, mesh_problems
+from tactape_fab.solids.mesh.stl import MeshError, mesh_problems, stl_problems
 from tactape_fab.solids.mesh.triangles import THREEMF_MODEL, THREEMF_PARTS, Mesh
 from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped
@@ -43,10 +43,12 @@ _TEXT_PER_TRIANGLE = 300
 _POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
 _MOST_PART_BYTES = 10_000
 _THREEMF_HEAD = re.compile(
-    rb'<\?xml version="1\.0" encoding="UTF-8"\?>\n<model unit="millimeter"[^<>]{0,2000}>\n'
+    rb'<\?xml version="1\.0" encoding="UTF-8"\?>\n<model unit="millimeter" xml:lang="en-US" '
+    rb'xmlns="http://schemas\.microsoft\.com/3dmanufacturing/core/2015/02">\n'
     rb'(?:<metadata name="[^<>"]{0,2000}">[^<>]{0,100000}</metadata>\n){0,100}'
-    rb'<resources>\n<object id="1" type="model"[^<>]{0,2000}>\n<mesh>\n'
+    rb'<resources>\n<object id="1" type="model" name="[^<>"]{0,2000}">\n<mesh>\n'
 )
+_ZIP_START, _ZIP_END, _ZIP_END_BYTES = b"PK\3\4", b"PK\5\6", 22
 _THREEMF_TAIL = b'</mesh>\n</object>\n</resources>\n<build>\n<item objectid="1"/>\n</build>\n</model>\n'
 _LONGEST_NAME = 13
 _FURTHEST = 1e9
@@ -64,7 +66,7 @@ def check_models(
     tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], mesh: Mesh, cpl: CplContent | None
 ) -> list[Check]:
     """Check every model of a kit that numpy alone can read; `mesh` is that of its STL."""
-    checks = [_check_mesh(tape, form, mesh), *_check_elements(tape, form, mesh)]
+    checks = [_check_mesh(tape, form, mesh, stl_problems(files["stl"].data)), *_check_elements(tape, form, mesh)]
     if form.mark:
         checks.append(check_mark(tape, form, mesh))
     checks.append(check_threemf(files["3mf"].data, mesh))
@@ -74,8 +76,8 @@ def check_models(
     return checks
 
 
-def _check_mesh(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
-    problems = mesh_problems(mesh)
+def _check_mesh(tape: Tape, form: SolidForm, mesh: Mesh, file_problems: Sequence[str]) -> Check:
+    problems = [*file_problems, *mesh_problems(mesh)]
     volume, expected = mesh.volume_mm3, solid_volume_mm3(tape, form)
     if abs(volume - expected) > mesh_volume_tolerance_mm3(tape, form):
         problems.append(f"its volume is {volume:.3f} mm3, not {expected:.3f}")
@@ -147,6 +149,9 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
             # the relationships say which member is the model
             if any(read_member(archive, part, _MOST_PART_BYTES) != THREEMF_PARTS[part.filename] for part in parts):
                 raise MeshError("its package is not written as usual")
+            # readers look for the archive from either end
+            if not data.startswith(_ZIP_START) or data[-_ZIP_END_BYTES:].find(_ZIP_END) != 0:
+                raise MeshError("other bytes stand before or behind its package")
             text = read_member(archive, model, most_bytes)
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
         raise MeshError(f"it cannot be unpacked: {error}") from error
