@@ -30,6 +30,7 @@ from tactape_fab.sense.geometry import camera as camera_of
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.survey.bend import Bend
 from tactape_fab.sense.survey.contacts import Contact, SeenDots
+from tactape_fab.sense.survey.copies import refuse_copies, refuse_other_start
 from tactape_fab.sense.survey.poses import RobotPose
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -111,7 +112,8 @@ def adjust(
     nominal_mm (n, 2): The design's places of all parts, texture frame.
     prior: Of all parts.
     robot: Of some of the frames.
-    Raises SpecError where the poses of a robot contradict the contacts.
+    Raises SpecError where the poses of a robot contradict the contacts, or these are of two copies of the tape, or of another one
+        than the prior.
     """
     # parts that no contact shows have no equation: they stay as they were
     touched, part = np.unique(np.concatenate([c.part for c in contacts]), return_inverse=True)
@@ -177,6 +179,8 @@ def adjust(
     assert normal is not None
     arm.refuse_others(poses)
     bend.refuse_other_units()
+    refuse_copies([c.frame for c in contacts], rows.contact, rows.part, left, nominal_mm[touched])
+    refuse_other_start(rows.part, left, shift, before, np.where(free, np.inf, told))
     known, drift, common_sigma = normal.sigmas(nominal_mm[touched])
     return Adjusted(
         part=touched,

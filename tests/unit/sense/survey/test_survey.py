@@ -292,3 +292,29 @@ def test_a_survey_that_is_continued_is_as_sure_as_it_is_right(tmp_path: Path) ->
         assert (off_mm**2 / sigma_mm[:, None] ** 2).mean() < 2.0
         sures.append(float(np.median(found.adjusted.sigma_mm)))
     assert sures == sorted(sures, reverse=True)
+
+
+@cache
+def of_copy(seed: int, first: int, count: int) -> tuple[Tape, tuple[Frame, ...]]:
+    """A copy of the tape with its true places, and frames of it."""
+    truth, parts = measured(small_tape(), PLACEMENT_MM, error_mm=1e-9, seed=seed)
+    return truth, tuple(iterate_frames(truth, count, first, scene=SCENE, parts=parts))
+
+
+@pytest.mark.parametrize("others", [40, 8])
+def test_frames_of_two_copies_are_refused(tmp_path: Path, others: int) -> None:
+    """Parts of both would be set between where they are in either, far beyond what is said of them."""
+    learn = (*of_copy(3, 1, 40)[1], *of_copy(4, 2, 40)[1][:others])
+    named = ", ".join(str(k) for k in range(40, 48)) if others == 8 else "[0-9]"
+    with pytest.raises(SpecError, match=rf"two copies of the tape: in {others} of {40 + others} frames \({named}"):
+        surveyed(tmp_path, learn)
+
+
+def test_measured_places_of_another_copy_are_no_start(tmp_path: Path) -> None:
+    """Nothing but the dots can give way then: what came out was farther off than the design, and said to be known to 10 um."""
+    first = surveyed(tmp_path, of_copy(3, 1, 40)[1])
+    start = replace(small_tape(), as_built=first.as_built)
+    with pytest.raises(SpecError, match=r"off the design \(median\), as where they are of another copy"):
+        surveyed(tmp_path, of_copy(4, 2, 40)[1], start)
+    truth, learn = of_copy(3, 7, 40)
+    assert np.sqrt((errors(surveyed(tmp_path, learn, start), truth) ** 2).mean()) < 0.4 * PLACEMENT_MM
