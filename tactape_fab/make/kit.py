@@ -11,7 +11,7 @@ from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.kit.artifact import AnyArtifact
-from tactape_fab.kit.examine.tape import Examined, examine, undrawable
+from tactape_fab.kit.examine.tape import Examined, drawn_form, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
@@ -243,10 +243,11 @@ def refuse_broken(
     if force and holes:
         raise SpecError(holes)
     first = drawn[0]
+    form = drawn_form(first.spec, first.tape)
     never = (
         # a chip larger than its cell may be forced onto a film, but its models would overlap, and no file can say them
-        undrawable(form_problems(first.tape, first.spec.form), first.spec, first.film)
-        if force and first.spec.form is not None and first.film is not None
+        undrawable(form_problems(first.tape, form), first.spec, first.film)
+        if force and form is not None and first.film is not None
         else []
     )
     if blocking and (never or not force):

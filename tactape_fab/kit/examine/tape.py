@@ -321,7 +321,8 @@ def _measured(
     size if the board is a substitute of another one.
     """
     fab, part, process, form = profiles.fab, profiles.part, profiles.process, spec.form
-    of_form = form_problems(tape, form) if form is not None else hole_problems(tape.board) if spec.sim else []
+    drawn = drawn_form(spec, tape)
+    of_form = [] if drawn is None else form_problems(tape, drawn)
     film = None
     if isinstance(part, PartProfile):
         assert fab is not None
@@ -349,12 +350,18 @@ def _broken(findings: Sequence[Finding], rule: str) -> bool:
     return any(f.rule == rule and f.blocks for f in findings)
 
 
+def drawn_form(spec: TapeSpec, tape: Tape) -> SolidForm | None:
+    """Form of the models, or of the flat film that simulators get; None where neither is drawn."""
+    return spec.form or (SolidForm(base_mm=tape.board.thickness_mm) if spec.sim else None)
+
+
 def undrawable(problems: Sequence[Problem], spec: TapeSpec, film: Film) -> list[Finding]:
     """Reason why the models cannot be built: a fab can place parts that are too large for the cells of the models."""
     found = []
     for problem in (p for p in problems if p.key == "part"):
         words = film_remedy(spec, film.fab, film.layout.part).words() or "use a smaller part"
-        message = f"{problem.message.rpartition('; ')[0]}; {words}, or --no-3d"
+        without = "leave out --sim" if spec.form is None else "--no-3d"
+        message = f"{problem.message.rpartition('; ')[0]}; {words}, or {without}"
         found.append(Finding(rule="models", level="block", passed=False, unit="", message=message))
     return found
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactape_fab import Kit, SpecError, TapeSpec, make_kit, verify_kit
+from tactape_fab import DesignRuleError, Kit, SpecError, TapeSpec, make_kit, verify_kit
 from tactape_fab.make.reproduce import reproduce_kit
 from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.verify.files import SIM
@@ -49,3 +49,10 @@ def test_without_it_a_manifest_does_not_know_the_option(flat_kit: Kit) -> None:
 def test_a_mould_has_none() -> None:
     with pytest.raises(SpecError, match="nobody touches a mould"):
         TapeSpec(sector=1, part="dome", negative=True, sim=True)
+
+
+def test_parts_larger_than_their_cells_are_refused_even_if_forced(tmp_path: Path) -> None:
+    spec = TapeSpec(sector=7, size_mm=(30.0, 20.0), pitch_mm=0.75, models=False, sim=True)
+    with pytest.raises(DesignRuleError, match=r"larger than its cell.*or leave out --sim"):
+        make_kit(spec, tmp_path / "kit", force=True)
+    assert list(tmp_path.iterdir()) == []
