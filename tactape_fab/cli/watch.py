@@ -293,7 +293,10 @@ def _end(tallies: Mapping[str, Tally]) -> None:
 
 @contextmanager
 def _ended_by_signals(stop: Event) -> Iterator[None]:
-    """Set an event on Ctrl-C or SIGTERM: the current answer is finished, files are closed. A second signal interrupts."""
+    """Set an event on Ctrl-C, SIGTERM, or a closed terminal: the current answer is finished, files are closed.
+
+    A second signal interrupts.
+    """
     before: dict[signal.Signals, Any] = {}
 
     def end(which: int, _: object) -> None:
@@ -301,7 +304,10 @@ def _ended_by_signals(stop: Event) -> Iterator[None]:
         # the handler from before: the second signal interrupts
         signal.signal(which, before[signal.Signals(which)])
 
-    for which in (signal.SIGINT, signal.SIGTERM):
+    # Windows has no SIGHUP; nohup has it ignored, and the command goes on
+    hangup = getattr(signal, "SIGHUP", signal.SIGTERM)
+    ending = {signal.SIGINT, signal.SIGTERM} | ({hangup} if signal.getsignal(hangup) != signal.SIG_IGN else set())
+    for which in sorted(ending):
         before[which] = signal.signal(which, end)
     try:
         yield

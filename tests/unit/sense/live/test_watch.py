@@ -303,7 +303,7 @@ def process(arguments: str) -> subprocess.Popen[bytes]:
 
 
 @costly
-@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)])
 def test_a_stream_is_watched_until_it_is_told_to_end(
     default_kit: Kit, frames: Path, tmp_path: Path, which: signal.Signals
 ) -> None:
