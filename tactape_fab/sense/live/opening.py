@@ -11,9 +11,12 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.input_file import begins_with
 from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
 from tactape_fab.sense.files.jobs import Job, of_colour_images, prepare_without_frames
+from tactape_fab.sense.files.recording_kinds import BAG
+from tactape_fab.sense.files.recordings import is_recording
 from tactape_fab.sense.live.camera import FILMS, USB, Crop, camera_named, camera_source, film_source
 from tactape_fab.sense.live.folder import folder_source
 from tactape_fab.sense.live.replay import has_stamps, refuse_no_seconds, replay
@@ -149,6 +152,11 @@ def _refuse_output(key: str, path: Path, ending: str) -> None:
     refuse_taken_place(path, key)
 
 
+def _other_list(path: Path) -> bool:
+    """Whether a file is named as the list of a rosbag2 folder and is none: a folder of frames may have a metadata.yaml."""
+    return path.is_file() and not begins_with(path, "rosbag2_bagfile_information")
+
+
 def _source(
     given: str, wishes: Wishes, rate_hz: float | None, idle_s: float | None, crop: Crop | None, sensor: SensorProfile
 ) -> tuple[Source, bool]:
@@ -163,6 +171,10 @@ def _source(
     folder, camera = stat.S_ISDIR(mode), stat.S_ISCHR(mode)
     film = not folder and path.suffix.lower() in FILMS
     plain = not (folder or camera or film or given == STANDARD_INPUT)
+    # a bag's folder would be waited in for ever: no frame comes into it
+    if (folder or plain) and is_recording(path) and not (folder and _other_list(path / BAG)):
+        message = f"source {shown_path(given)} is a recording, whose frames do not come any more; decode reads it"
+        raise SpecError(Problem("source", message))
     if film and not (camera or stat.S_ISREG(mode)):
         message = f"source {shown_path(given)} cannot be opened: it is no regular file, as a film is; {_SOURCES}"
         problems.append(Problem("source", message))

@@ -302,6 +302,19 @@ def process(arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
+@pytest.mark.parametrize("place", ["metadata.yaml", "meta/info.json"])
+def test_a_folder_of_a_recording_is_refused_and_not_waited_in(place: str, small_kit: Kit, tmp_path: Path) -> None:
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).write_text("rosbag2_bagfile_information:\n", encoding="utf-8")
+    result = run(f"{tmp_path} --tape {small_kit.path} --idle 0.1")
+    assert result.exit_code == 2 and "is a recording, whose frames do not come any more; decode reads it" in result.stderr
+
+
+def test_a_folder_of_frames_may_hold_a_list_of_another_kind(small_kit: Kit, tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("operator: me\n", encoding="utf-8")
+    assert run(f"{tmp_path} --tape {small_kit.path} --idle 0.1").exit_code == 0
+
+
 @costly
 @pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)])
 def test_a_stream_is_watched_until_it_is_told_to_end(
