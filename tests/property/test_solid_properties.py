@@ -18,6 +18,7 @@ from tactape_fab.solids.mesh.stl import mesh_problems, read_stl
 from tactape_fab.solids.mesh.triangles import stl_bytes
 from tactape_fab.solids.step.part21 import real, reals
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.models.base_shape import check_base
 from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3
 from tactape_fab.verify.models.raised import find_raised
 from tests.part21 import check_solids
@@ -82,7 +83,8 @@ def solids(draw: Draw) -> tuple[Tape, SolidForm]:
         radius = draw(st.one_of(st.just(least + 1e-6), st.just(least * 1.02), mm(5.0, 60.0)))
         cylinder = Cylinder(radius_mm=round(radius, 6), around=around, shell=draw(st.sampled_from(["segment", "whole"])))
     else:
-        values["radius_mm"] = draw(st.sampled_from([0.0, 0.5, 1.0, 3.0, min(bare.board.size_mm) / 2]))
+        most_mm = min(bare.board.size_mm) / 2
+        values["radius_mm"] = draw(st.sampled_from([0.0, 0.5, 1.0, min(3.0, most_mm), most_mm]))
         holes = []
         x0, y0 = bare.board.texture_origin_mm
         for _ in range(draw(st.integers(0, 3))):
@@ -110,6 +112,7 @@ def test_any_solid_is_a_closed_mesh_in_place(solid: tuple[Tape, SolidForm]) -> N
     read = read_stl(stl_bytes(mesh, "t"))
     assert mesh_problems(read) == []
     assert abs(mesh.volume_mm3 - volume_mm3(tape, form)) <= mesh_volume_tolerance_mm3(tape, form)
+    assert (base := check_base(tape, form, read)).passed, base.message
     found = find_raised(tape, form, read.vertices_mm)
     centres, strays = found.centres_mm, found.strays_mm
     assert len(strays) == 0

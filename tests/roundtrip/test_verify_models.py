@@ -21,10 +21,11 @@ from click.testing import CliRunner
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.solids.mesh.stl import read_stl
-from tactape_fab.solids.mesh.triangles import STL_TRIANGLE, Mesh, stl_bytes
+from tactape_fab.solids.mesh.triangles import STL_TRIANGLE, Mesh, stl_bytes, threemf_bytes
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed, replaced, text_of
+from tests.solids import DATE
 from tests.thorough import first, thorough
 
 Copy = Callable[[Kit], Path]
@@ -33,7 +34,7 @@ PART = 10
 """Number of the part that is changed."""
 MODEL_LINES = {
     "round trip from STL",
-    *("stl", "stl mark", "stl places", "symbols from STL", "windows from STL", "3mf", "step-solid", "step-assembly"),
+    *("stl", "stl base", "stl mark", "stl places", "symbols from STL", "windows from STL", "3mf", "step-solid", "step-assembly"),
     *("step-solid by OCCT", "step-assembly by OCCT", "stl by trimesh", "solid"),
 }
 
@@ -151,6 +152,41 @@ def ascii_stl(data: bytes) -> bytes:
     return ("solid t\n" + "".join(rows) + "endsolid t\n").encode("ascii")
 
 
+def of_both(choose: Callable[[OpenKit, FloatArray], int], by_mm: tuple[float, float, float]) -> Edit:
+    """Move a vertex in the STL and in the 3MF."""
+
+    def edit(kit: OpenKit) -> None:
+        mesh = read_stl(kit.data["stl"])
+        vertices = mesh.vertices_mm.copy()
+        vertices[choose(kit, vertices)] += by_mm
+        moved = Mesh(vertices_mm=vertices, faces=mesh.faces)
+        kit.data.update({"stl": stl_bytes(moved, "t"), "3mf": threemf_bytes(moved, "t", {}, DATE)})
+
+    return edit
+
+
+def on_top(across: float, up: float) -> Callable[[OpenKit, FloatArray], int]:
+    """The vertex of the base's top nearest to a place on the board, from (0, 0) to (1, 1)."""
+    return lambda kit, xyz: _nearest(xyz, (across * 14.0, up * 12.0, 0.0))
+
+
+def on_back(across: float, up: float) -> Callable[[OpenKit, FloatArray], int]:
+    return lambda kit, xyz: _nearest(xyz, (across * 14.0, up * 12.0, -kit.manifest["solid"]["base_mm"]))
+
+
+def foot(kit: OpenKit, xyz: FloatArray) -> int:
+    """A corner of the changed part's foot."""
+    from tactape_fab import Tape
+
+    x, y = Tape.from_mapping(kit.manifest).part_xy_mm()[PART - 1]
+    return _nearest(xyz, (x + 0.1, y + 0.3, 0.0))
+
+
+def _nearest(xyz: FloatArray, to: tuple[float, float, float]) -> int:
+    level = np.where(np.abs(xyz[:, 2] - to[2]) < 1e-6, 0.0, np.inf)
+    return int((np.hypot(*(xyz[:, :2] - to[:2]).T) + level).argmin())
+
+
 def normals(change: Callable[[FloatArray], FloatArray]) -> Callable[[bytes], bytes]:
     """Change the normals of an STL; corners stay."""
 
@@ -222,6 +258,11 @@ QUICK: list[Any] = [
     case("STL: in ASCII", bytes_of("stl", ascii_stl), "stl", says="do not fit"),
     case("STL: no triangles", bytes_of("stl", lambda b: b[:80] + b"\0\0\0\0"), "stl", says="announces 0"),
     case("STL: 4294967295 triangles", bytes_of("stl", lambda b: b[:80] + b"\xff\xff\xff\xff" + b[84:]), "stl"),
+    # both, so that neither tells of the other
+    case("meshes: a pit in the base's top", of_both(on_top(0.5, 0.5), (0.0, 0.0, -0.1)), "stl base", says="on no face"),
+    case("meshes: a hump on the base's back", of_both(on_back(0.5, 0.5), (0.0, 0.0, -0.02)), "stl base", says="on no face"),
+    case("meshes: a corner beyond the outline", of_both(on_top(1.0, 1 / 12), (0.02, 0.0, 0.0)), "stl base", says="by 20.0 um"),
+    case("meshes: a foot", of_both(foot, (0.02, 0.0, 0.0)), "stl base", says="1 elements do not stand"),
     # 3MF
     case("3MF: in inches", model_of(lambda t: t.replace('unit="millimeter"', 'unit="inch"')), "3mf", says="millimetre"),
     case("3MF: a vertex moved", model_of(moved_vertex), "3mf"),

@@ -29,6 +29,7 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models.back_mark import check_mark
+from tactape_fab.verify.models.base_shape import check_base
 from tactape_fab.verify.models.raised import cells_of, find_raised
 from tactape_fab.verify.symbols import check_symbols
 
@@ -66,7 +67,11 @@ def check_models(
     tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], mesh: Mesh, cpl: CplContent | None
 ) -> list[Check]:
     """Check every model of a kit that numpy alone can read; `mesh` is that of its STL."""
-    checks = [_check_mesh(tape, form, mesh, stl_problems(files["stl"].data)), *_check_elements(tape, form, mesh)]
+    checks = [
+        _check_mesh(tape, form, mesh, stl_problems(files["stl"].data)),
+        *_check_elements(tape, form, mesh),
+        check_base(tape, form, mesh),
+    ]
     if form.mark:
         checks.append(check_mark(tape, form, mesh))
     checks.append(check_threemf(files["3mf"].data, mesh))

@@ -80,12 +80,12 @@ def find_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> Raised:
         centres_mm=centres[there],
         cells=there,
         strays_mm=points[~inside, :2],
-        shape_error_mm=_shape_error_mm(tape, form, offset) if len(offset) else 0.0,
+        shape_error_mm=float(shape_errors_mm(tape, form, offset).max(initial=0.0)),
     )
 
 
-def _shape_error_mm(tape: Tape, form: SolidForm, offset_mm: FloatArray) -> float:
-    """Largest distance of raised points, given relative to their element's centre, from the element's shape, mm."""
+def shape_errors_mm(tape: Tape, form: SolidForm, offset_mm: FloatArray) -> FloatArray:
+    """Distance of points above the foot, given relative to their element's centre, from the element's shape, mm; shape (n,)."""
     part = tape.part
     local = offset_mm
     if form.cylinder is not None:
@@ -107,4 +107,4 @@ def _shape_error_mm(tape: Tape, form: SolidForm, offset_mm: FloatArray) -> float
     else:
         sphere_mm = sphere_radius_mm(part)
         error = np.abs(np.linalg.norm(local - (0.0, 0.0, height - sphere_mm), axis=1) - sphere_mm)
-    return float(error.max())
+    return np.asarray(error)

@@ -25,6 +25,7 @@ from tactape_fab.solids.rise import foot_loop_mm, foot_radius_mm, wrapped_volume
 from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped, world, wrap_of
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.models.base_shape import check_base
 from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3, read_threemf
 from tactape_fab.verify.models.raised import find_raised
 from tests.solids import BLOCK, CONE, DATE, DOME, FORMS, PARTS, element_volume_mm3, tape_of, volume_mm3
@@ -43,6 +44,8 @@ def checked(tape: Tape, form: SolidForm) -> Mesh:
     assert len(read.faces) == len(mesh.faces)
     for m in (mesh, read):
         assert abs(m.volume_mm3 - volume_mm3(tape, form)) <= mesh_volume_tolerance_mm3(tape, form)
+    base = check_base(tape, form, read)
+    assert base.passed, base.message
     found = find_raised(tape, form, read.vertices_mm)
     centres, strays = found.centres_mm, found.strays_mm
     order = np.argsort(tape.cells() @ (1, tape.columns))
