@@ -1,4 +1,4 @@
-"""Wrong parts: answers of good tapes are right, and of bad ones no more contacts are located wrongly than is said."""
+"""The table of wrong parts: where symbols are wrong, more answers are than they say, but no more of all contacts."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from tests.bench.wrong_parts import answers
 def test_of_all_contacts_no_more_are_located_wrongly_than_is_said(kind: str, share: float) -> None:
     contacts = 1500
     p, wrong = answers(kind, share, contacts).T
-    assert len(p) > 0.05 * contacts and ((p > 0.0) & (p <= 1.0)).all()
+    assert len(p) > 0.1 * contacts
     for limit in (1e-1, 1e-2):
         # of so many contacts at most this share on the mean, and three standard deviations
         assert wrong[p <= limit].sum() <= contacts * limit + 3.0 * (contacts * limit) ** 0.5
-    # of answers that say less none is wrong, but where parts say wrong symbols
-    assert kind == "wrong symbol" or not wrong[p <= 1e-2].any()
+    # of the answers more are wrong than they say, where symbols are
+    assert (wrong.sum() > p.sum()) == (kind == "wrong symbol")

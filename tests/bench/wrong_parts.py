@@ -31,11 +31,8 @@ SEED = 11
 
 def answers(kind: str, share: float, contacts: int, seed: int = SEED) -> FloatArray:
     """p_false of each answer, and whether it is wrong; (n, 2)."""
-    rng, tape, sensor = (
-        np.random.default_rng([seed, KINDS.index(kind), round(1000 * share)]),
-        registered_tape(),
-        load_sensor("gelsight-mini"),
-    )
+    rng = np.random.default_rng([seed, KINDS.index(kind), round(1000 * share)])
+    tape, sensor = registered_tape(), load_sensor("gelsight-mini")
     localizer = Localizer(tape, sensor, world="closed")
     localizer._limits = Unlimited(max_p_false=1.0, max_p_tape=0.3, kappa=1.0)
     row, column = np.indices(tape.symbols.shape).reshape(2, -1)
@@ -84,12 +81,7 @@ def main() -> None:
     parser.add_argument("--contacts", type=int, default=15_000, metavar="N", help="of each row; 15,000 take two minutes")
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the table between the marks of a page, docs/trust.md")
     chosen = parser.parse_args()
-    lines = [
-        f"{chosen.contacts:,} contacts for each row ({command('tests.bench.wrong_parts')}).",
-        "",
-        *lines_of(chosen.contacts),
-        "",
-    ]
+    lines = [f"{chosen.contacts:,} contacts for each row ({command('tests.bench.wrong_parts')}).", "", *lines_of(chosen.contacts)]
     if chosen.page is not None:
         write_between(chosen.page, "wrong-parts", "\n".join(lines) + "\n")
 
