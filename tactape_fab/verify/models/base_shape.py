@@ -114,6 +114,8 @@ def _wrong_feet(tape: Tape, form: SolidForm, cells: IntArray, offset_mm: FloatAr
         direction = np.linspace(-pi, pi, 4097)
         foot = np.interp(np.arctan2(local[:, 1], local[:, 0]), direction, foot_radius_mm(part, radius_mm, direction))
     on = np.abs(r - foot) <= _PLACE_MM
+    if not on.any():
+        return tape.part_count
     cells, direction_rad = cells[on], np.arctan2(local[on, 1], local[on, 0])
     order = np.lexsort([direction_rad, cells])
     cells, direction_rad = cells[order], direction_rad[order]
@@ -123,6 +125,6 @@ def _wrong_feet(tape: Tape, form: SolidForm, cells: IntArray, offset_mm: FloatAr
     last = np.append(first[1:], len(cells)) - 1
     gap[last] = 2 * pi + direction_rad[first] - direction_rad[last]
     widest = np.full(tape.part_count, 2 * pi)
-    widest[cells[first]] = np.maximum.reduceat(gap, first) if len(first) else 0.0
+    widest[cells[first]] = np.maximum.reduceat(gap, first)
     # of a chord over this angle
     return int((part.body_mm[0] / 2 * (1 - np.cos(np.minimum(widest, pi) / 2)) > _SAGITTA_MM).sum())
