@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh.sheet import texture_mesh
-from tactape_fab.solids.mesh.stl import mesh_problems, read_stl
+from tactape_fab.solids.mesh.stl import mesh_problems, read_stl, stl_problems
 from tactape_fab.solids.mesh.triangles import stl_bytes
 from tactape_fab.solids.step.part21 import real, reals
 from tactape_fab.texture.tape import Tape
@@ -109,8 +109,9 @@ def test_any_solid_is_a_closed_mesh_in_place(solid: tuple[Tape, SolidForm]) -> N
     tape, form = solid
     mesh = texture_mesh(tape, form)
     assert mesh_problems(mesh) == []
-    read = read_stl(stl_bytes(mesh, "t"))
-    assert mesh_problems(read) == []
+    written = stl_bytes(mesh, "t")
+    read = read_stl(written)
+    assert mesh_problems(read) == [] and stl_problems(written) == []
     assert abs(mesh.volume_mm3 - volume_mm3(tape, form)) <= mesh_volume_tolerance_mm3(tape, form)
     assert (base := check_base(tape, form, read)).passed, base.message
     found = find_raised(tape, form, read.vertices_mm)

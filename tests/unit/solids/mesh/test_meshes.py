@@ -19,7 +19,7 @@ import pytest
 from tactape_fab.solids.elements import CHORD_ERROR_MM, block_corners_mm, closed_element, dome_points, element_rings_mm, reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh.sheet import texture_mesh
-from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl
+from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl, stl_problems
 from tactape_fab.solids.mesh.triangles import THREEMF_PARTS, Mesh, stl_bytes, threemf_bytes
 from tactape_fab.solids.rise import foot_loop_mm, foot_radius_mm, wrapped_volume_mm3
 from tactape_fab.solids.volume import solid_volume_mm3
@@ -39,8 +39,9 @@ def checked(tape: Tape, form: SolidForm) -> Mesh:
     """The mesh as it stands in an STL file: closed, as large as it should be, every element where it should be."""
     mesh = texture_mesh(tape, form)
     assert mesh_problems(mesh) == []
-    read = read_stl(stl_bytes(mesh, "t"))
-    assert mesh_problems(read) == []
+    written = stl_bytes(mesh, "t")
+    read = read_stl(written)
+    assert mesh_problems(read) == [] and stl_problems(written) == []
     assert len(read.faces) == len(mesh.faces)
     for m in (mesh, read):
         assert abs(m.volume_mm3 - volume_mm3(tape, form)) <= mesh_volume_tolerance_mm3(tape, form)
