@@ -101,9 +101,8 @@ def split_of(contact: IntArray, part: IntArray, left_mm: FloatArray, places_mm: 
     by = [csr_matrix((left_mm[:, axis], (contact, part)), shape=shape) for axis in range(2)]
     products = sum((of @ of.T for of in by), csr_matrix((contacts, contacts)))
     products.setdiag(0.0)
-    if (
-        contacts < 2 * LEAST_CONTACTS or products.count_nonzero() == 0
-    ):  # of contacts that share no part there is nothing to be told
+    # contacts that share no part tell nothing
+    if contacts < 2 * LEAST_CONTACTS or products.count_nonzero() == 0:
         return None
     # any start that is not at right angles to the answer will do; the same one each time
     _, vector = eigsh(products, k=1, which="LA", v0=np.cos(np.arange(contacts) + 1.0))
