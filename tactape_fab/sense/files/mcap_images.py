@@ -81,18 +81,19 @@ def _files_of(path: Path) -> list[Path]:
     words = f"--src {quote(shown_path(bag))} --dst {quote(f'{shown_path(bag)}-mcap')} --dst-storage mcap"
     convert = f"with pip install rosbags, rosbags-convert {words} makes one"
     files = sorted(path.glob(f"*{MCAP}"), key=lambda file: by_number(file.name))
-    if not files:
+    listed: list[str] = []
+    if (path / BAG).is_file():  # a folder that is only named as a bag has no list
+        text = read_regular(path / BAG, _MOST_LIST_BYTES).decode(errors="replace").replace("\r", "")
+        if files and _PACKED_ALONE.search(text):
+            raise SpecError(f"each message in it is packed by itself, which no {MCAP} file that can be read has; {convert}")
+        found = _LIST.search(text)
+        lines = [] if found is None else found[1].splitlines()
+        # rosbag2 before version 4 of the list put the folder before each name
+        listed = [Path(line.strip().removeprefix("-").strip().strip("\"'")).name.removesuffix(_ZSTD) for line in lines]
+    ours = bool(listed) and all(name.lower().endswith(MCAP) for name in listed)
+    if not files and (not ours or any(path.glob(f"*{MCAP}{_ZSTD}"))):
         raise SpecError(f"it is a bag without an {MCAP} file; {convert}")
-    if not (path / BAG).is_file():  # a folder that is named as a bag
-        return files
-    text = read_regular(path / BAG, _MOST_LIST_BYTES).decode(errors="replace").replace("\r", "")
-    if _PACKED_ALONE.search(text):
-        raise SpecError(f"each message in it is packed by itself, which no {MCAP} file that can be read has; {convert}")
-    found = _LIST.search(text)
-    lines = [] if found is None else found[1].splitlines()
-    # rosbag2 before version 4 of the list put the folder before each name
-    listed = [Path(line.strip().removeprefix("-").strip().strip("\"'")).name.removesuffix(_ZSTD) for line in lines]
-    if not all(name.lower().endswith(MCAP) for name in listed) or not listed:
+    if not ours:
         return files
     there = {file.name: file for file in files}
     gone, more = [name for name in listed if name not in there], [name for name in there if name not in listed]

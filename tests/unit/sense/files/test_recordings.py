@@ -460,6 +460,10 @@ def _long_names(folder: Path) -> Path:
     return folder
 
 
+def _list_alone(folder: Path) -> None:
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  relative_file_paths:\n    - b_9.mcap\n")
+
+
 @pytest.mark.parametrize(
     ("made", "said"),
     [
@@ -473,6 +477,7 @@ def _long_names(folder: Path) -> Path:
         (_several, "give --topic NAME, one of: /left, /right"),
         (_cut, r"is damaged .*; mcap recover FILE\.mcap -o WHOLE\.mcap saves what is whole"),
         (lambda folder: _split(folder, listed=["b_9.mcap", "b_10.mcap", "b_11.mcap"]), r"lists b_11\.mcap, not there"),
+        (_list_alone, r"lists b_9\.mcap, not there"),
         (lambda folder: _split(folder, listed=["b_9.mcap"]), r"does not list b_10\.mcap; move that away"),
         (lambda folder: _split(folder, mode="MESSAGE"), "each message in it is packed by itself, .*rosbags-convert --src"),
         (_no_file, "rosbags-convert --src .* --dst-storage mcap"),
