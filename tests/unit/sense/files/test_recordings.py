@@ -460,8 +460,9 @@ def _long_names(folder: Path) -> Path:
     return folder
 
 
-def _list_alone(folder: Path) -> None:
+def _list_alone(folder: Path) -> Path:
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  relative_file_paths:\n    - b_9.mcap\n")
+    return folder
 
 
 @pytest.mark.parametrize(
