@@ -1,4 +1,4 @@
-"""Compilation of kernels: cached on disk, divisions as in numpy, and the interpreter's lock released while they run.
+"""Compilation of kernels: cached on disk, divisions as in numpy, and the interpreter's lock released by those that run for long.
 
 Kernels allocate no arrays, except those of `making_kernel`: each call hands over its buffers, so that any number of threads may
 run one at the same time, and reference counting is left out of the compiled code. No kernel has an entry from C: nothing uses
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, partial, wraps
 from pathlib import Path
+from types import FunctionType
 from typing import Any, Protocol
 
 import numpy as np
@@ -124,11 +125,17 @@ KEPT = COMPILED and _can_be_kept()
 """Whether compiled functions are cached on disk; else, as in a read-only installation without a home, each process compiles."""
 
 kernel: Decorator = _plain
-"""For functions that Python calls."""
+"""For functions that Python calls, and that take less than the interpreter's switch interval of 5 ms.
+
+They keep its lock. A thread that releases it waits, beside one that is busy in Python, a whole interval to have it again: twenty
+kernels that release it made of a frame of 0.5 ms one of 40.
+"""
+long_kernel: Decorator = _plain
+"""For functions that Python calls and that may take longer: over all places of many tapes, say. Other threads run meanwhile."""
 inner_kernel: Decorator = _untouched
 """For functions that only kernels call: no entry from Python either."""
 making_kernel: Decorator = _plain
-"""For functions that Python calls and that allocate and return an array."""
+"""For functions that Python calls and that allocate and return an array; as `long_kernel`."""
 inlined_kernel: Decorator = _untouched
 """For functions called in one place of one kernel, without a loop that needs `fastmath`: compiled as a part of that kernel."""
 if COMPILED:
@@ -137,7 +144,7 @@ if COMPILED:
     # the few that have some say `no_rewrites=False`
     _options: dict[str, Any] = {
         "cache": KEPT,
-        "nogil": True,
+        "nogil": False,
         "error_model": "numpy",
         "no_cfunc_wrapper": True,
         "no_rewrites": True,
@@ -157,6 +164,17 @@ if COMPILED:
         return decorate
 
     kernel = _kernel
+
+    def _long_kernel(**options: Any) -> Callable[[Function], Any]:
+        def decorate(function: Function) -> Any:
+            # compiled functions are kept by their name: one that is compiled both ways has two
+            named = FunctionType(function.__code__, function.__globals__, function.__name__)
+            named.__qualname__ = f"{function.__qualname__}_long"
+            return _kernel(nogil=True, **options)(named)
+
+        return decorate
+
+    long_kernel = _long_kernel
     inner_kernel = partial(kernel, cache=False, no_cpython_wrapper=True)  # a kernel on the disk holds what it calls
-    making_kernel = partial(kernel, _nrt=True)
+    making_kernel = partial(long_kernel, _nrt=True)
     inlined_kernel = partial(njit, inline="always", error_model="numpy")

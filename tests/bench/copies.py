@@ -1,11 +1,12 @@
-"""What a frame costs in copies of itself, in one run: contacts of several sizes, both worlds, a tag beside them, two threads.
+"""What a frame costs in copies of itself, in one run: contacts of several sizes, both worlds, a tag beside them, and threads.
 
     python -m tests.bench.copies [--frames 200] [--rounds 5] [--write]
 
 prints the table of docs/localization.md, or puts it there. A copy is that of 320x240 single-precision pixels which were read just
 before, into memory that is there: `depth.copy()` takes up to four times as long, by what the allocator does. Each round times
 copies, tags and both worlds, one after the other; of each frame the least processor time of all rounds counts: p50 and p99 are
-over frames, not over what else the machine did. Threads are timed on the clock, the least of ten times.
+over frames, not over what else the machine did. Threads are timed on the clock: two that decode, the least of ten times, and one
+beside another that never waits.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from os import getloadavg
 from pathlib import Path
+from threading import Event, Thread
 from time import perf_counter_ns, process_time_ns
 from typing import Any
 
@@ -74,6 +76,27 @@ def threads_gain(localizers: list[Localizer], frames: list[Depth]) -> float:
     return len(localizers) * min(spent[0]) / min(spent[1])
 
 
+def beside_busy_ms(localizer: Localizer, frames: list[Depth]) -> FloatArray:
+    """Time of each frame, on the clock, while another thread computes in Python without an end."""
+    spent, ended = [], Event()
+
+    def compute() -> None:
+        while not ended.is_set():
+            sum(range(100))
+
+    other = Thread(target=compute, daemon=True)
+    other.start()
+    try:
+        for frame in frames:
+            start = perf_counter_ns()
+            localizer.locate(frame)
+            spent.append(1e-6 * (perf_counter_ns() - start))
+    finally:
+        ended.set()
+        other.join()
+    return np.array(spent)
+
+
 def table(frames: int, rounds: int) -> str:
     """The table in Markdown."""
     localizers = {world: Localizer([registered_tape()], world=world) for world in WORLDS}
@@ -103,10 +126,14 @@ def table(frames: int, rounds: int) -> str:
         world: threads_gain([Localizer([registered_tape()], world=world) for _ in range(2)], default[:50] * 4) for world in WORLDS
     }
     said = ", ".join(f"{gain:.2f} in the {world} world" for world, gain in gains.items())
+    beside = {world: np.percentile(beside_busy_ms(localizer, default), [50, 90]) for world, localizer in localizers.items()}
+    busy = ", ".join(f"{p50:.1f} and {p90:.1f} ms in the {world} world" for world, (p50, p90) in beside.items())
     return (
         "\n".join(lines)
         + f"\n\nA copy took {unit / 1e3:.1f} µs, a tag {np.median(tag_ns) / 1e6:.2f} ms; {frames} frames a contact, "
-        f"load average {getloadavg()[0]:.0f}.\n" + f"Two threads decode so many times the frames of one: {said}.\n"
+        f"load average {getloadavg()[0]:.0f}.\n"
+        + f"Two threads decode so many times the frames of one: {said}.\n"
+        + f"Beside a thread that computes in Python p50 and p90 of a frame's time are {busy}.\n"
     )
 
 

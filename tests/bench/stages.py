@@ -2,8 +2,8 @@
 
     python -m tests.bench.stages [--frames 20] [--rounds 30] [--write]
 
-prints the tables of docs/localization.md, or puts them there. Other threads can decode while a kernel runs: what is in Python,
-they wait for. The second table is of processor time without clocks, over that of its first row, taken in turn with it.
+prints the tables of docs/localization.md, or puts them there. The second table is of processor time without clocks, over that of
+its first row, taken in turn with it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 from time import perf_counter_ns, process_time_ns
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -87,14 +88,19 @@ class Clock:
         return timed
 
 
-@contextmanager
-def instrumented(clock: Clock) -> Iterator[None]:
-    """A clock round every stage and every kernel that Python calls."""
+def dispatchers() -> list[tuple[ModuleType, str, Any]]:
+    """Kernels of the decoder, of every module that has them."""
     from numba.core.dispatcher import Dispatcher
 
     modules = [import_module(found.name) for found in walk_packages(decode.__path__, f"{decode.__name__}.")]
+    return [(module, name, value) for module in modules for name, value in vars(module).items() if isinstance(value, Dispatcher)]
+
+
+@contextmanager
+def instrumented(clock: Clock) -> Iterator[None]:
+    """A clock round every stage and every kernel that Python calls."""
     kernels: dict[int, Callable[..., Any]] = {}
-    found = [(module, name, value) for module in modules for name, value in vars(module).items() if isinstance(value, Dispatcher)]
+    found = dispatchers()
     staged = [(import_module(f"{decode.__name__}.{module}"), name) for module, name in STAGES.values()]
     before = [*found, *((module, name, getattr(module, name)) for module, name in staged)]
     try:

@@ -281,7 +281,7 @@ def _seconds_together(processes: int) -> float:
 def test_processes_and_threads_decode_more_frames_than_one(benchmark: BenchmarkFixture, report: Report) -> None:
     """N processes against one, and N threads of one process, a Localizer each; the best try counts.
 
-    Kernels release the interpreter's lock, but a frame takes it again between any two of them, and threads wait for each other.
+    Kernels of a frame keep the interpreter's lock, so threads take turns (`tactape_fab.base.jit`).
     """
     cores = len(os.sched_getaffinity(0))
     if cores < 2:

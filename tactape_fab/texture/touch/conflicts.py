@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.base.jit import inner_kernel, long_kernel
 from tactape_fab.texture.frames import IntArray, SymbolArray
 from tactape_fab.texture.touch.words import TURNS, Patches, Shapes, count_ones
 from tactape_fab.texture.windows import WordArray
@@ -63,7 +63,7 @@ def _below(state: WordArray, count: int | np.int64) -> int:
     return np.int64(((next_number(state) >> np.uint64(32)) * np.uint64(count)) >> np.uint64(32))  # type: ignore[return-value]
 
 
-@kernel()
+@long_kernel()
 def fill(symbols: SymbolArray, directions: int, state: WordArray) -> None:
     """Random symbols of so many directions."""
     for r in range(symbols.shape[0]):
@@ -92,7 +92,7 @@ def _find(
     return count
 
 
-@kernel()
+@long_kernel()
 def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, buffers: Buffers) -> int:
     """List all conflicts; -1 where there are more than fit into the buffer.
 
@@ -121,7 +121,7 @@ def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, buffe
     return count
 
 
-@kernel()
+@long_kernel()
 def repair(
     symbols: SymbolArray,
     shapes: Shapes,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.base.jit import inner_kernel, long_kernel
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray
 from tactape_fab.texture.windows import WORD_BITS, WordArray
@@ -98,7 +98,7 @@ def count_ones(word: np.uint64) -> int:
     return np.int64((word * _BYTES) >> np.uint64(56))  # type: ignore[return-value]
 
 
-@kernel()
+@long_kernel()
 def nearest_of(own: WordArray, count: int, step: int, out: IntArray) -> None:
     """Fewest bits that two patches of a shape differ in, and how many pairs do, into `out` (2,); `own` as in `Patches`, (4, n).
 
@@ -126,7 +126,7 @@ def nearest_of(own: WordArray, count: int, step: int, out: IntArray) -> None:
     out[0], out[1] = least, pairs
 
 
-@kernel()
+@long_kernel()
 def nearest_of_long(own: WordArray, more: WordArray, count: int, out: IntArray) -> None:
     """`nearest_of` for patches whose bits fill two words each: the second words are in `more`, of the same shape."""
     least, pairs = 2 * WORD_BITS + 1, 0

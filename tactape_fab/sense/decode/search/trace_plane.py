@@ -10,7 +10,7 @@ from math import log
 
 import numpy as np
 
-from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.base.jit import inner_kernel, long_kernel
 from tactape_fab.sense.decode.search.evidence import Floats, tables_of
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -78,7 +78,7 @@ class TracePlane(CodePlane):
         )
 
 
-@kernel(fastmath=True)
+@long_kernel(fastmath=True)
 def transform(said: Floats) -> None:
     """Walsh-Hadamard transform in place: entry z becomes the sum of entries f, less those where f & z has odd parity."""
     # levels up to the block's size stay within a block: one pass through memory does all of them
@@ -99,7 +99,7 @@ def _levels(said: Floats, half: int) -> None:
         half *= 2
 
 
-@kernel()
+@long_kernel()
 def tell(said: Floats, found: FloatArray) -> None:
     """Largest entry, its place, the next largest, and the sum of exp of all by the largest's, written in place."""
     best, at, second = -np.inf, 0, -np.inf

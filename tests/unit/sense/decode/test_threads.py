@@ -1,7 +1,9 @@
-"""Threads at the same time, each with a Localizer of its own or all with one, give the answers of one thread alone."""
+"""Threads at the same time, each with a Localizer of its own or all with one, give the answers of one thread alone, as soon."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 from typing import Any
@@ -9,7 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab import Localizer
+from tactape_fab import Localizer, Tape
+from tactape_fab.base.jit import COMPILED
+from tests.bench.copies import beside_busy_ms
+from tests.bench.stages import dispatchers
 from tests.contacts import tape_of
 from tests.unit.sense.decode.test_touch import contacts, touch
 
@@ -38,3 +43,30 @@ def test_threads_give_the_answers_of_one(shared: bool) -> None:
         one, other = pool.map(work, range(2))
     assert one == expected
     assert other == (expected[: len(depths)][::-1]) * ROUNDS
+
+
+@pytest.fixture
+def interval_ms() -> Iterator[float]:
+    """A thread that waits for the interpreter's lock has it after so long, beside another that computes in Python."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(0.1)
+    yield 1e3 * sys.getswitchinterval()
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.skipif(not COMPILED, reason="a frame takes seconds")
+@pytest.mark.parametrize("tape", [tape_of(7), touch(1)], ids=["plane", "matrix"])
+def test_a_frame_does_not_wait_for_a_thread_that_computes(tape: Tape, interval_ms: float) -> None:
+    depths = [depth for _, depth in contacts(tape, 15, 3)]
+    assert np.median(beside_busy_ms(Localizer([tape], world="open"), depths)) < 0.5 * interval_ms
+
+
+@pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
+def test_only_searches_of_many_places_release_the_lock() -> None:
+    """On a busy machine the test above says little: a kernel ends before the other thread is awake."""
+    releasing = {
+        f"{module.__name__.rpartition('.')[2]}.{name}"
+        for module, name, kernel in dispatchers()
+        if kernel.targetoptions.get("nogil")
+    }
+    assert releasing == {"all_places._weigh_many", "matrices._weigh_many", "trace_plane.transform", "trace_plane.tell"}
