@@ -56,6 +56,7 @@ from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.cad_readers import read_by_others
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.models.meshes import check_models, check_threemf
+from tactape_fab.verify.models.step_text import MOST_OF_PART_MM, step_problems
 from tactape_fab.verify.pictured import Pictured
 from tactape_fab.verify.spec_record import contradictions
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
@@ -200,6 +201,9 @@ def _check_part(manifest: Mapping[str, Any], tape: Tape, files: dict[str, Writte
     mesh = _read_mesh(files)
     if isinstance(mesh, Mesh):  # said already otherwise
         yield check_threemf(files["3mf"].data, mesh)
+    if "step-solid" in files:
+        problems = step_problems(files["step-solid"].data, MOST_OF_PART_MM)
+        yield Check(name="step-solid", passed=not problems, message="; ".join(problems) or "a whole file in millimetres")
 
 
 def _expected(record: _Record, files: dict[str, WrittenFile]) -> Expected | None:

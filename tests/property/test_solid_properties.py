@@ -21,6 +21,7 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.models.base_shape import check_base
 from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3
 from tactape_fab.verify.models.raised import find_raised
+from tactape_fab.verify.models.step_text import step_problems
 from tests.part21 import check_solids
 from tests.solids import BLOCK, CONE, DOME, step_of, tape_of, volume_mm3
 from tests.thorough import some
@@ -126,7 +127,9 @@ def test_any_solid_is_a_closed_mesh_in_place(solid: tuple[Tape, SolidForm]) -> N
 def test_any_solid_is_exact_and_closed_as_text(solid: tuple[Tape, SolidForm]) -> None:
     """Every edge between two faces, once each way; every name defined once; every edge on its faces' surfaces."""
     tape, form = solid
-    (checker,) = check_solids(step_of(tape, form))
+    step = step_of(tape, form)
+    assert step_problems(step) == []
+    (checker,) = check_solids(step)
     whole = form.cylinder is not None and form.cylinder.shell == "whole"
     assert checker.genus == len(tape.board.holes) + whole
     assert len(checker.faces) >= 3 + tape.part_count * (5 if tape.part.shape == "block" else 1 if tape.part.top_mm is None else 2)

@@ -233,6 +233,21 @@ def bomb(data: bytes) -> bytes:
     return bytes(changed)
 
 
+MM = "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"
+INCH = "(CONVERSION_BASED_UNIT('INCH',#7)LENGTH_UNIT()NAMED_UNIT(#6))"
+SHOWN = r"(=ADVANCED_BREP_SHAPE_REPRESENTATION\('',\(#\d+,)(#\d+)\),"
+
+
+def changed(pattern: str, by: str) -> Callable[[str], str]:
+    """Change the last place of a STEP file that looks so: that of an element, where there are several."""
+
+    def edit(text: str) -> str:
+        found = list(re.finditer(pattern, text))[-1]
+        return text[: found.start()] + found.expand(by) + text[found.end() :]
+
+    return edit
+
+
 TWICE = ('unit="inch" unit="millimeter"', 'unit="millimeter" unit="inch"')
 MOVED, SCALED = "1 0 0 0 1 0 0 0 1 5 0 0", "2 0 0 0 2 0 0 0 2 0 0 0"
 QUICK: list[Any] = [
@@ -291,7 +306,20 @@ QUICK: list[Any] = [
     case("STEP: garbage", bytes_of("step-solid", lambda b: bytes(range(256)) * 100), "step-solid", says="no whole"),
     case("STEP: two solids", text_of("step-solid", lambda t: t.replace("=PRODUCT(", "=MANIFOLD_SOLID_BREP(")), "step-solid"),
     case("STEP: a comment", replaced("step-solid", "\nDATA;\n", "\nDATA;\n/* = */\n"), "step-solid", says="it has a comment"),
-    case("STEP: in inches", replaced("step-solid", ".MILLI.,.METRE.", "$,.METRE."), "step-solid", says="millimetre"),
+    case("STEP: in metres", replaced("step-solid", ".MILLI.,.METRE.", "$,.METRE."), "step-solid", says="millimetre"),
+    *(
+        case(f"STEP: {name}", text_of("step-solid", changed(pattern, by)), "step-solid", says=says)
+        for name, pattern, by, says in [
+            ("in inches", re.escape(MM), INCH, f"no millimetre, radian or steradian: {INCH}"),
+            ("a second unit", "\nDATA;\n", rf"\g<0>#8={INCH};\n", f"no millimetre, radian or steradian: {INCH}"),
+            ("in degrees", r",\.RADIAN", ",.DEGREE", "(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.DEGREE.))"),
+            ("uncertain", "1.E-06", "1.", "its points are uncertain by 1 mm, more than 1e-05 mm"),
+            ("a context without a length", r"\(\(#5,#6,#7\)\)", "((#6,#7))", "shapes whose units are not"),
+            ("no context", f"{SHOWN}#9", r"\1\2),#8", "shapes whose units are not"),
+            ("a solid twice", SHOWN, r"\1\2,\2),", "not each shown once"),
+            ("a solid not shown", SHOWN, r"\1#1),", "not each shown once"),
+        ]
+    ),
 ]
 
 
@@ -388,6 +416,7 @@ QUICK_ASSEMBLY = [
     case("no number", occurrence("R10", lambda t: re.sub(r"\(\s*-?[\d.]+,", "(1.2.3,", t, count=1)), "step-assembly"),
     case("garbage", bytes_of("step-assembly", lambda b: b"ISO-10303-21;" + bytes(range(256)) * 99), "step-assembly"),
     case("metre", replaced("step-assembly", ".MILLI.,.METRE.", "$,.METRE."), "step-assembly", says="millimetre"),
+    case("a solid twice", text_of("step-assembly", changed(SHOWN, r"\1\2,\2),")), "step-assembly", says="not each shown once"),
 ]
 
 

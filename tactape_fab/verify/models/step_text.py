@@ -1,15 +1,19 @@
-"""Entities of a kit's STEP files, counted before a CAD kernel is given them: a small file can keep a kernel busy for hours."""
+"""A kit's STEP files as text: units and solids, without a CAD kernel, and entities counted before a kernel is given them.
+
+A small file can keep a kernel busy for hours.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from itertools import islice
 
-from tactape_fab.base.fields import named
+from tactape_fab.base.fields import named, shown_path
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.step.assembly import assembly_step
 from tactape_fab.solids.step.solid import solid_step
@@ -23,6 +27,18 @@ _SPARE = 50
 _COLOUR = re.compile(rb"COLOUR_RGB\('',[\d.,]{1,60}\)")
 _KEYWORD = re.compile(rb"(?<![A-Za-z0-9_])([A-Za-z]\w*)\s*\(")
 _DATE, _RGB = datetime(1980, 1, 1, tzinfo=timezone.utc), (0.0, 0.0, 0.0)
+
+MOST_UNCERTAINTY_MM, MOST_OF_PART_MM = 1e-5, 0.1
+"""Largest uncertainty of points: of a kit, which says 1e-6 mm, and of the user's part, whose mean tolerance OCCT states."""
+_UNITS = {
+    b"(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))",
+    b"(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))",
+    b"(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())",
+}
+_UNCERTAINTY = re.compile(rb"UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\((\d{1,9}\.\d{0,30}(?:E[+-]?\d{1,3})?)\),")
+_ASSIGNED = re.compile(rb"_ASSIGNED_CONTEXT\(\(([#\d,]+)\)\)")
+_LONGEST = 1_000
+"""Bytes of an entity that are looked at; those about units and representations are shorter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,3 +83,51 @@ def strange(found: StepText, own: StepText) -> str | None:
     most = {kind: _MORE * count + _SPARE for kind, count in own.count.items()}
     many = [f"{count} of {kind.decode()[:60]}" for kind, count in found.count.items() if count > most.get(kind, 0)]
     return f"it holds entities that such a tape has no use for: {named(many)}" if many else None
+
+
+def step_problems(data: bytes, most_mm: float = MOST_UNCERTAINTY_MM) -> list[str]:
+    """Faults of a STEP file that need no tape: of its end, comments, units, their uncertainty, and what it shows as solids."""
+    whole = data.startswith(b"ISO-10303-21;") and data[-64:].rstrip().endswith(b"END-ISO-10303-21;")  # a copy of all is large
+    problems = [] if whole else ["it is no whole ISO 10303-21 file"]
+    # what is found below by patterns may stand in a comment; one byte is sought eight times as fast as two
+    if b"/" in data and b"/*" in data:
+        problems.append("it has a comment")
+    return problems or [*islice(_unit_problems(data, most_mm), 3)]
+
+
+def _entities(data: bytes, word: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Name and text of entities with a word, without white space, as far as `_LONGEST`."""
+    end = 0
+    while (at := data.find(word, end)) >= 0:
+        start, end = data.rfind(b";", end, at) + 1, data.find(b";", at)
+        name, _, text = b"".join(data[start : min(end, start + _LONGEST)].split()).partition(b"=")
+        yield name, text
+
+
+def _unit_problems(data: bytes, most_mm: float) -> Iterator[str]:
+    """Faults of the units, of all contexts that have units, and of the representations that show solids in them."""
+    known, contexts = dict[bytes, bytes](), dict[bytes, list[bytes]]()
+    for name, text in _entities(data, b"UNIT"):
+        if (found := _UNCERTAINTY.match(text)) is not None:
+            known[name] = b""
+            if not float(found[1]) <= most_mm:
+                yield f"its points are uncertain by {float(found[1]):g} mm, more than {most_mm:g} mm"
+        elif b"GLOBAL_UNIT_ASSIGNED_CONTEXT(" in text:
+            contexts[name] = b",".join(_ASSIGNED.findall(text)).split(b",")
+        elif text in _UNITS:
+            known[name] = text
+        elif b"_UNIT(" in text:
+            yield f"a unit of it is no millimetre, radian or steradian: {shown_path(text.decode('ascii', 'replace'))}"
+    right = {name for name, units in contexts.items() if {known.get(unit) for unit in units} == {b"", *_UNITS}}
+    solids, shown, used = list[bytes](), Counter[bytes](), set[bytes]()
+    for name, text in _entities(data, b"BREP"):
+        if text.startswith((b"MANIFOLD_SOLID_BREP(", b"BREP_WITH_VOIDS(")):
+            solids.append(name)
+        elif text.startswith(b"ADVANCED_BREP_SHAPE_REPRESENTATION("):
+            *items, context = re.findall(rb"#\d+", text) or [b""]
+            shown.update(items)
+            used.add(context)
+    if len(right) != len(contexts) or not used <= right:
+        yield "it has shapes whose units are not the millimetre, radian and steradian"
+    if not solids or any(shown[solid] != 1 for solid in solids):
+        yield "its solids are not each shown once by an ADVANCED_BREP_SHAPE_REPRESENTATION"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab import Tape
+from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.base import launch
 from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.make import emboss as make_emboss
@@ -24,6 +24,8 @@ from tactape_fab.solids.surface.part_step import read_step_solid
 from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
+from tactape_fab.verify import verify_kit
+from tests.roundtrip.kits import OpenKit, failed
 from tests.roundtrip.test_verify_robust import DAMAGES
 from tests.surfaces import kit_folder, planned, step_file
 from tests.thorough import costly, some
@@ -255,6 +257,23 @@ def test_unreadable_step_is_refused(kit: Path, data: bytes | str, capfd: pytest.
     with pytest.raises(SpecError, match="SURFACE cannot be read as STEP"):
         emboss_kit(kit, path)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_changed_step_of_a_part_is_caught_without_a_kernel(tmp_path: Path) -> None:
+    made = emboss(make_kit(TapeSpec(sector=7, part="block", size_mm=(10.0, 10.0)), tmp_path / "kit").path, plate())
+    assert verify_kit(made.path, quick=True).passed
+    step = (made.path / made.files["step-solid"]).read_bytes()
+    for data, says in (
+        (step[:-200], "it is no whole"),
+        (step.replace(b".MILLI.,.METRE.", b"$,.METRE."), "a unit of it is no millimetre"),
+        (step.replace(b"LENGTH_MEASURE(1.E-07)", b"LENGTH_MEASURE(1.)"), "uncertain by 1 mm"),
+        (b"ISO-10303-21;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "its solids are not each shown once"),
+    ):
+        part = OpenKit(made.path)
+        part.data["step-solid"] = data
+        lines = failed(verify_kit(part.save(consistent=True), quick=True))
+        assert lines.keys() == {"step-solid"}
+        assert says in lines["step-solid"].message
 
 
 def test_unit_of_a_step_is_its_own(kit: Path) -> None:
