@@ -235,7 +235,7 @@ def bomb(data: bytes) -> bytes:
 
 MM = "(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"
 INCH = "(CONVERSION_BASED_UNIT('INCH',#7)LENGTH_UNIT()NAMED_UNIT(#6))"
-SHOWN = r"(=ADVANCED_BREP_SHAPE_REPRESENTATION\('',\(#\d+,)(#\d+)\),"
+SHOWN, USE = r"(=ADVANCED_BREP_SHAPE_REPRESENTATION\('',\(#\d+,)(#\d+)\),", r"(=ORIENTED_EDGE\('',\*,\*,)(#\d+),"
 
 
 def changed(pattern: str, by: str) -> Callable[[str], str]:
@@ -318,6 +318,11 @@ QUICK: list[Any] = [
             ("no context", f"{SHOWN}#9", r"\1\2),#8", "shapes whose units are not"),
             ("a solid twice", SHOWN, r"\1\2,\2),", "not each shown once"),
             ("a solid not shown", SHOWN, r"\1#1),", "not each shown once"),
+            ("an edge turned", USE + r"\.T", r"\1\2,.F", "an edge is not used once in each direction"),
+            ("another edge", USE, r"\1#99,", "an edge is not used once in each direction"),
+            ("a bound turned", r"(=FACE_BOUND\(''[^;]*,)\.T", r"\1.F", "a bound is turned"),
+            ("an open shell", r"(=CLOSED_SHELL\('',\()#\d+,", r"\1", "not named once in its shell"),
+            ("a use twice", r"(=EDGE_LOOP\('',\()#\d+,(#\d+)", r"\1\2,\2", "not named once in its shell"),
         ]
     ),
 ]
@@ -417,6 +422,7 @@ QUICK_ASSEMBLY = [
     case("garbage", bytes_of("step-assembly", lambda b: b"ISO-10303-21;" + bytes(range(256)) * 99), "step-assembly"),
     case("metre", replaced("step-assembly", ".MILLI.,.METRE.", "$,.METRE."), "step-assembly", says="millimetre"),
     case("a solid twice", text_of("step-assembly", changed(SHOWN, r"\1\2,\2),")), "step-assembly", says="not each shown once"),
+    case("an edge turned", text_of("step-assembly", changed(USE + r"\.T", r"\1\2,.F")), "step-assembly", says="not used once in"),
 ]
 
 

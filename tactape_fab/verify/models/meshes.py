@@ -31,7 +31,7 @@ from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models.back_mark import check_mark
 from tactape_fab.verify.models.base_shape import check_base
 from tactape_fab.verify.models.raised import cells_of, find_raised
-from tactape_fab.verify.models.step_text import step_problems
+from tactape_fab.verify.models.step_text import shell_problems, step_problems
 from tactape_fab.verify.symbols import check_symbols
 
 PLACE_TOLERANCE_MM = 0.001
@@ -268,13 +268,13 @@ def _check_solid_text(tape: Tape, form: SolidForm, data: bytes) -> Check:
     if faces < own + 3:
         problems.append(f"{faces} faces, fewer than the {own} of {tape.part_count} elements and a base")
     if not problems:
-        problems = _text_place_problems(tape, form, data)
+        problems = [*_text_place_problems(tape, form, data), *shell_problems(data)]
     message = "; ".join(problems) or f"one solid of {faces} faces, {own} of them elements', each in its place"
     return Check(name="step-solid", passed=not problems, message=message, figure=float(faces))
 
 
 def _check_assembly_text(tape: Tape, data: bytes, cpl: CplContent | None) -> Check:
-    problems = step_problems(data)
+    problems = step_problems(data) or [*shell_problems(data)]
     found = _OCCURRENCE.findall(data)
     names = [shown_path(name.decode("ascii", "replace")) for *_, name, _ in found]
     designators = list(cpl.designators) if cpl is not None else tape.designators()

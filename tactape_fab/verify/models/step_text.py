@@ -1,4 +1,4 @@
-"""A kit's STEP files as text: units and solids, without a CAD kernel, and entities counted before a kernel is given them.
+"""A kit's STEP files as text: units, solids and shells, without a CAD kernel, and entities counted before a kernel is given them.
 
 A small file can keep a kernel busy for hours.
 """
@@ -12,6 +12,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import islice
+
+import numpy as np
 
 from tactape_fab.base.fields import named, shown_path
 from tactape_fab.solids.forms import SolidForm
@@ -39,6 +41,18 @@ _UNCERTAINTY = re.compile(rb"UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\((\d{
 _ASSIGNED = re.compile(rb"_ASSIGNED_CONTEXT\(\(([#\d,]+)\)\)")
 _LONGEST = 1_000
 """Bytes of an entity that are looked at; those about units and representations are shorter."""
+_AT_ONCE, _ROOM = 1 << 20, bytes(32)
+_MOST_DIGITS = 9
+"""Of a name: as many fit into 32 bits, and no file of a kit has as many entities."""
+_SHELL, _FACE, _BOUND, _LOOP, _USE = 1, 2, 4, 8, 16
+_KINDS = {
+    # bytes 6 to 13 of a keyword: the first eight of ADVANCED_FACE are those of other kinds, too
+    int.from_bytes(part, "little"): np.uint8(kind)
+    for part, kind in {
+        **{b"D_SHELL(": _SHELL, b"CED_FACE": _FACE, b"BOUND(''": _BOUND},
+        **{b"OUTER_BO": _BOUND, b"LOOP('',": _LOOP, b"TED_EDGE": _USE},
+    }.items()
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,3 +145,45 @@ def _unit_problems(data: bytes, most_mm: float) -> Iterator[str]:
         yield "it has shapes whose units are not the millimetre, radian and steradian"
     if not solids or any(shown[solid] != 1 for solid in solids):
         yield "its solids are not each shown once by an ADVANCED_BREP_SHAPE_REPRESENTATION"
+
+
+def shell_problems(data: bytes) -> Iterator[str]:
+    """Faults of closed shells as this tool writes them: each bound is named once, each edge used once in each direction."""
+    own, named_by, uses, turned = [], [], [], False
+    start = max(data.find(b"\nDATA;\n"), 0)
+    while start < len(data):
+        end = data.find(b";", start + _AT_ONCE) + 1 or len(data)
+        # an entity before all: no name stands outside of one
+        chunk = b"".join((b"#0=", _ROOM, data[start:end], _ROOM))
+        start, text = end, np.frombuffer(chunk, dtype=np.uint8)
+        after = np.flatnonzero(text == ord("#")) + 1
+        names, digits = np.zeros(len(after), dtype=np.int32), np.ones(len(after), dtype=bool)
+        for _ in range(_MOST_DIGITS):
+            digit = text[after] - np.uint8(ord("0"))
+            digits &= digit < 10
+            names = np.where(digits, names * np.int32(10) + digit, names)
+            after += digits
+            if not digits.any():
+                break
+        defined = text[after] == ord("=")
+        words = np.ndarray(len(chunk) - 8, dtype="<u8", buffer=chunk, strides=(1,))[after[defined] + 6]
+        kinds = sum((words == word) * kind for word, kind in _KINDS.items())
+        kind = np.asarray(kinds)[np.cumsum(defined) - 1]
+        # only names of these kinds, and in them
+        kept = np.flatnonzero(kind)
+        kind, names, after, defined = kind[kept], names[kept], after[kept], defined[kept]
+        forward, logical = text[after + 2] == ord("T"), text[after + 1] == ord(".")
+        own.append(names[defined & (kind != _SHELL)])
+        # of a face, the name before its sense is that of its surface
+        named_by.append(names[~defined & (kind != _USE) & ~((kind == _FACE) & logical)])
+        use = ~defined & (kind == _USE)
+        uses.append(2 * names[use].astype(np.int64) + forward[use])
+        turned |= bool((~defined & (kind == _BOUND) & ~forward).any())
+    if not np.array_equal(np.sort(np.concatenate(own)), np.sort(np.concatenate(named_by))):
+        yield "a face, bound, loop or use of an edge is not named once in its shell"
+    both = np.sort(np.concatenate(uses))
+    there, back = both[::2], both[1::2]
+    if len(there) != len(back) or (there % 2).any() or (back - there != 1).any():
+        yield "an edge is not used once in each direction"
+    if turned:
+        yield "a bound is turned round"

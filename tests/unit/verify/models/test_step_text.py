@@ -16,8 +16,9 @@ from tactape_fab.solids.step.assembly import assembly_step
 from tactape_fab.solids.step.solid import solid_step
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models import cad_readers
+from tactape_fab.verify.models import step_text as step_text_module
 from tactape_fab.verify.models.expected import Expected, expected_of_kit
-from tactape_fab.verify.models.step_text import step_text, strange, written_steps
+from tactape_fab.verify.models.step_text import shell_problems, step_text, strange, written_steps
 from tests.surfaces import planned
 
 Change = Callable[[bytes], bytes]
@@ -93,6 +94,15 @@ def test_what_another_version_may_write_is_read() -> None:
     ):
         other = step_text(change(SOLID))
         assert other.digest != own.digest and strange(other, own) is None
+
+
+@pytest.mark.parametrize("at_once", [1, 5_000])
+@pytest.mark.parametrize("data", [SOLID, ASSEMBLY], ids=["solid", "assembly"])
+def test_shells_are_read_piece_by_piece(data: bytes, at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(step_text_module, "_AT_ONCE", at_once)
+    assert list(shell_problems(data)) == []
+    other = swap(b"=ORIENTED_EDGE('',*,*,#", b"=ORIENTED_EDGE('',*,*,#9")(data)
+    assert list(shell_problems(other)) == ["an edge is not used once in each direction"]
 
 
 def test_freecad_is_given_what_occt_finds_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
