@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import degrees, pi
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,6 @@ from tactape_fab.sense.decode.paper.dot_grid import GridCase, find_baseline, fin
 from tactape_fab.sense.decode.paper.preprocess import REFERENCE_PX_PER_MM, contact_dot, detect_dots, estimate_scale
 from tactape_fab.sense.decode.paper.windows_read import (
     Reading,
-    Rule,
     agreeing,
     choose,
     contact_position_mm,
@@ -90,23 +89,18 @@ def sensor_position_mm(
     return x, y
 
 
-def locate_paper(
-    depth: npt.ArrayLike, tapes: Sequence[Tape], *, px_per_mm: float | None, rule: Rule = "vote+bounds"
-) -> tuple[Localization, PaperTrace]:
+def locate_paper(depth: npt.ArrayLike, tapes: Sequence[Tape], *, px_per_mm: float | None) -> tuple[Localization, PaperTrace]:
     """Locate one frame by the paper's method.
 
     depth (h, w): Canonical depth map: larger is deeper, not mirrored, square pixels.
     tapes: The registry. Tapes of different code, W or Delta are tried one kind after the other; the kind whose place most windows
         read is the answer.
     px_per_mm: R. None estimates it from the dots (Eq. 14-16), which are looked for with the paper's R first.
-    rule {"vote+bounds", "vote", "literal"}: See `choose`.
     Returns (Localization, PaperTrace): ``located`` is the paper's own verdict: bounds on being wrong and covariance stay None.
-        Under the rules without bounds a place may lie on no tape; then sector, index and angle are given, and the position is
-        null.
-    Raises SpecError if `tapes` is empty, `px_per_mm` is not a valid scale or `rule` is unknown.
+    Raises SpecError if `tapes` is empty or `px_per_mm` is not a valid scale.
     """
     start = time.perf_counter()
-    _check(tapes, px_per_mm, rule)
+    _check(tapes, px_per_mm)
     array = np.asarray(depth, dtype=np.float64)
     answers = []
     for kind in _kinds(tapes):
@@ -119,17 +113,12 @@ def locate_paper(
             scale = _scale(dots, tape) or scale
             dots = detect_dots(array, scale, body_mm2)
         size = (array.shape[1], array.shape[0]) if array.ndim == 2 else (1, 1)
-        answers.append(_locate(dots, kind, size, px_per_mm, rule))
+        answers.append(_locate(dots, kind, size, px_per_mm))
     return _best(answers, start)
 
 
 def locate_paper_dots(
-    xy_px: npt.ArrayLike,
-    tapes: Sequence[Tape],
-    image_size: tuple[float, float],
-    *,
-    px_per_mm: float | None,
-    rule: Rule = "vote+bounds",
+    xy_px: npt.ArrayLike, tapes: Sequence[Tape], image_size: tuple[float, float], *, px_per_mm: float | None
 ) -> tuple[Localization, PaperTrace]:
     """Locate a frame from its dots, by the paper's method; see `locate_paper`.
 
@@ -137,10 +126,10 @@ def locate_paper_dots(
     image_size: Width and height, px.
     """
     start = time.perf_counter()
-    _check(tapes, px_per_mm, rule)
+    _check(tapes, px_per_mm)
     dots = np.asarray(xy_px, dtype=np.float64).reshape(-1, 2)
     dots = dots[(np.abs(dots) < 1e9).all(axis=1)]
-    return _best([_locate(dots, kind, image_size, px_per_mm, rule) for kind in _kinds(tapes)], start)
+    return _best([_locate(dots, kind, image_size, px_per_mm) for kind in _kinds(tapes)], start)
 
 
 _PLANELESS_CODES = " or ".join(f"'{name}'" for name in ALL_CODE_NAMES if name not in CODE_NAMES)
@@ -149,7 +138,7 @@ PLANELESS = (
 )
 
 
-def _check(tapes: Sequence[Tape], px_per_mm: float | None, rule: Rule) -> None:
+def _check(tapes: Sequence[Tape], px_per_mm: float | None) -> None:
     problems = []
     if not tapes:
         problems.append(Problem("tapes", "tapes is empty; give at least one tape to look for"))
@@ -161,8 +150,6 @@ def _check(tapes: Sequence[Tape], px_per_mm: float | None, rule: Rule) -> None:
                 "px_per_mm", f"px_per_mm = {px_per_mm} px/mm is not from {_LEAST_SCALE:g} to {_MOST_SCALE:g}; give the sensor's"
             )
         )
-    if rule not in get_args(Rule):
-        problems.append(Problem("rule", f"rule = {rule!r} is none of: {', '.join(get_args(Rule))}"))
     refuse(problems)
 
 
@@ -187,7 +174,7 @@ def _best(answers: list[tuple[Localization, PaperTrace]], start: float) -> tuple
 
 
 def _locate(
-    dots: FloatArray, tapes: Sequence[Tape], image_size: tuple[float, float], px_per_mm: float | None, rule: Rule
+    dots: FloatArray, tapes: Sequence[Tape], image_size: tuple[float, float], px_per_mm: float | None
 ) -> tuple[Localization, PaperTrace]:
     """The pipeline after the dots, for tapes of one code, W and Delta."""
     tape = tapes[0]
@@ -216,7 +203,7 @@ def _locate(
     if not (np.lib.stride_tricks.sliding_window_view(symbols, (code.window,) * 2) >= 0).all(axis=(2, 3)).any():
         return _lost(trace, "symbols", tape, scale)
     votes = read_windows(code, symbols)
-    chosen, lost_at = choose(code, symbols, votes, tapes, rule)
+    chosen, lost_at = choose(code, votes, tapes)
     trace = replace(trace, votes=votes, chosen=chosen)
     if chosen is None:
         return _lost(trace, lost_at, tape, scale)
@@ -237,10 +224,18 @@ def _answer(
     """The paper's output of a decoded frame: S_ID, S, theta, C and the status (section III-B.2)."""
     assert trace.contact_dot is not None and trace.slope_rad is not None and trace.symbols is not None
     code = get_plane(tapes[0].code)
+    tape = on_tape(chosen, code, tapes)
+    assert tape is not None
     theta_rad = trace.slope_rad + chosen.quarter_turns * pi / 2  # Eq. 5
     # to (-pi, pi]
     theta_rad -= 2 * pi * np.ceil((theta_rad - pi) / (2 * pi))
-    fix = Localization(
+    contact_mm = contact_position_mm(chosen, tape.origin, tape.pitch_mm, tape.displacement_mm)
+    position_mm = sensor_position_mm(contact_mm, trace.dots_px[trace.contact_dot], image_size, scale, theta_rad)
+    board_mm = None
+    if tape.surface is None:
+        x, y = texture_to_board(position_mm, tape.board.texture_origin_mm).tolist()
+        board_mm = (x, y)
+    return Localization(
         status=status_of(len(trace.dots_px)),
         located=True,
         sector=chosen.sector,
@@ -249,18 +244,6 @@ def _answer(
         px_per_mm=scale,
         n_dots=len(trace.dots_px),
         n_agree=agreeing(code, chosen, trace.symbols),
-    )
-    tape = on_tape(chosen, code, tapes)
-    if tape is None:
-        return fix
-    contact_mm = contact_position_mm(chosen, tape.origin, tape.pitch_mm, tape.displacement_mm)
-    position_mm = sensor_position_mm(contact_mm, trace.dots_px[trace.contact_dot], image_size, scale, theta_rad)
-    board_mm = None
-    if tape.surface is None:
-        x, y = texture_to_board(position_mm, tape.board.texture_origin_mm).tolist()
-        board_mm = (x, y)
-    return replace(
-        fix,
         tape=tape.name,
         position_mm=position_mm,
         board_mm=board_mm,

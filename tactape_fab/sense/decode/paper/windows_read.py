@@ -12,9 +12,6 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, IntArray
 from tactape_fab.texture.plane import Plane, encode, locate_windows
 from tactape_fab.texture.tape import Tape
 
-Rule = Literal["literal", "vote", "vote+bounds"]
-"""Readings of the paper's "select the rotation that yields a valid decoding"; see `choose`."""
-
 _TURNED_SYMBOL: IntArray = np.array([1, 3, 0, 2], dtype=np.int64)
 """Symbol after a quarter turn counter-clockwise: N -> W, W -> S, E -> N, S -> E."""
 
@@ -78,23 +75,6 @@ def read_windows(code: Plane, symbols: IntArray) -> tuple[Reading, ...]:
     return tuple(sorted(readings, key=lambda reading: -reading.windows))
 
 
-def first_valid(code: Plane, symbols: IntArray) -> Reading | None:
-    """The literal rule: window by window, the first rotation that decodes.
-
-    A window's four rotations nearly always all decode, so that this is a guess of one in four.
-    """
-    n = code.window
-    for row in range(len(symbols) - n + 1):
-        for column in range(len(symbols) - n + 1):
-            alone = np.full_like(symbols, -1)
-            window = np.s_[row : row + n, column : column + n]
-            alone[window] = symbols[window]
-            readings = read_windows(code, alone)
-            if readings:
-                return readings[0]
-    return None
-
-
 def on_tape(reading: Reading, code: Plane, tapes: Sequence[Tape]) -> Tape | None:
     """The first registered tape on which a reading's place lies (same code and sector, inside its grid)."""
     for tape in tapes:
@@ -112,24 +92,16 @@ def outvoting(readings: Sequence[Reading]) -> Reading | None:
     return readings[0]
 
 
-def choose(
-    code: Plane, symbols: IntArray, readings: Sequence[Reading], tapes: Sequence[Tape], rule: Rule
-) -> tuple[Reading | None, Literal["decode", "bounds"]]:
+def choose(code: Plane, readings: Sequence[Reading], tapes: Sequence[Tape]) -> tuple[Reading | None, Literal["decode", "bounds"]]:
     """Choose the rotation and the place (section III-A.4), or give the step that fails.
 
     The paper rotates the window "in all four directions and selects the one that yields a valid decoding", and tries four
-    windows. With these codes all four rotations of an error-free window decode, so the sentence needs a reading:
-
-    - ``literal``: the first window and rotation that decode;
-    - ``vote``: the place that most of the windows agree on, all rotations counted; a tie is no answer;
-    - ``vote+bounds``: the same among the places that lie on a registered tape. The kindest reading, and the default.
+    windows. With these codes all four rotations of an error-free window nearly always decode, so the sentence needs a reading.
+    This is the kindest: among the places that lie on a registered tape, the one that most of the windows agree on, all rotations
+    counted; a tie is no answer.
     """
-    if rule == "literal":
-        return first_valid(code, symbols), "decode"
-    if rule == "vote" or not readings:
-        return outvoting(readings), "decode"
     inside = [reading for reading in readings if on_tape(reading, code, tapes) is not None]
-    return outvoting(inside), "decode" if inside else "bounds"
+    return outvoting(inside), "decode" if inside or not readings else "bounds"
 
 
 def contact_position_mm(

@@ -27,7 +27,6 @@ from tactape_fab.sense.decode.paper.preprocess import contact_centre, contact_do
 from tactape_fab.sense.decode.paper.windows_read import (
     choose,
     contact_position_mm,
-    first_valid,
     on_tape,
     outvoting,
     quarter_turned,
@@ -207,16 +206,7 @@ def test_all_four_windows_of_an_error_free_patch_agree_on_the_contact_dot(turns:
     )
     assert readings[0] == true
     assert {r.quarter_turns for r in readings} == {0, 1, 2, 3}, "every rotation decodes: the reason for votes and bounds"
-    assert choose(CODE, patch, readings, [TAPE], "vote") == (true, "decode")
-    assert choose(CODE, patch, readings, [TAPE], "vote+bounds") == (true, "decode")
-
-
-def test_the_letter_of_the_rule_takes_the_first_rotation_that_decodes() -> None:
-    patch = symbols_at(30, 12)
-    right = first_valid(CODE, patch)
-    wrong = first_valid(CODE, quarter_turned(patch, 3))
-    assert right is not None and right.quarter_turns == 0 and right.index == (TAPE.origin[0] + 30, TAPE.origin[1] + 12)
-    assert wrong is not None and wrong.quarter_turns == 0 and wrong.index != right.index
+    assert choose(CODE, readings, [TAPE]) == (true, "decode")
 
 
 def test_a_missing_symbol_leaves_the_windows_without_it() -> None:
@@ -225,7 +215,6 @@ def test_a_missing_symbol_leaves_the_windows_without_it() -> None:
     assert read_windows(CODE, patch)[0].windows == 3
     patch[2, 2] = -1
     assert read_windows(CODE, patch) == ()
-    assert first_valid(CODE, patch) is None
 
 
 def test_votes_and_bounds() -> None:
@@ -238,11 +227,10 @@ def test_votes_and_bounds() -> None:
     assert [on_tape(r, CODE, [TAPE]) is TAPE for r in (inside, last, past, foreign)] == [True, True, False, False]
     assert outvoting([past, foreign]) is past
     assert outvoting([past, replace(foreign, windows=3)]) is None
-    patch = symbols_at(30, 12)
-    assert choose(CODE, patch, [past, foreign, inside], [TAPE], "vote+bounds") == (inside, "decode")
-    assert choose(CODE, patch, [past, inside, last], [TAPE], "vote+bounds") == (None, "decode"), "a tie is no answer"
-    assert choose(CODE, patch, [past, foreign], [TAPE], "vote+bounds") == (None, "bounds")
-    assert choose(CODE, patch, [], [TAPE], "vote+bounds") == (None, "decode")
+    assert choose(CODE, [past, foreign, inside], [TAPE]) == (inside, "decode")
+    assert choose(CODE, [past, inside, last], [TAPE]) == (None, "decode"), "a tie is no answer"
+    assert choose(CODE, [past, foreign], [TAPE]) == (None, "bounds")
+    assert choose(CODE, [], [TAPE]) == (None, "decode")
 
 
 def test_the_plane_ends_where_its_sequences_start_again() -> None:
