@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, MissingLibraryError, Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
-from tactape_fab.sense.files.recording_kinds import BAG, DATASET, MCAP, OTHER_BAGS, Image, Opened, Stamped
+from tactape_fab.sense.files.recording_kinds import BAG, DATASET, MCAP, OTHER_BAGS, Image, Stamped
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile
 
 if TYPE_CHECKING:
@@ -97,7 +96,12 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
 
     path = Path(path)
     opened = open_bag if path.suffix.lower() in (MCAP, *OTHER_BAGS) or (path / BAG).is_file() else open_dataset
-    topic, ours, read = _named(path, partial(opened, path, topic, colour))
+    try:
+        topic, ours, read = opened(path, topic, colour)
+    except MissingLibraryError:
+        raise
+    except Exception as error:  # damaged files make the readers of others raise what they like
+        raise _damaged(path, error) from error
     stamps, shape = list[float](), (0, 0)
     # images are counted, and none is kept: the index of a log that was cut off is missing
     for stamp, image in _refused(path, read):
@@ -117,21 +121,11 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
     return found
 
 
-def _named(path: Path, opened: Callable[[], Opened]) -> Opened:
-    """Call a function; any failure becomes a SpecError that names the file."""
-    try:
-        return opened()
-    except MissingLibraryError:
-        raise
-    except Exception as error:  # damaged files make the readers of others raise what they like
-        raise _damaged(path, error) from error
-
-
 def _refused(path: Path, read: Callable[[], Iterator[Stamped]]) -> Iterator[Stamped]:
     """Iterate over a reader; any failure becomes a SpecError that names the file."""
     try:
         yield from read()
-    except (MissingLibraryError, GeneratorExit):
+    except MissingLibraryError:
         raise
     except Exception as error:
         raise _damaged(path, error) from error
