@@ -34,27 +34,22 @@ class Watch:
 
     job: Tapes, sensor and settings; it has no files.
     reconstruction: Makes depth maps of the source's colour images.
+    locator: Makes what locates a sensor's frames.
     """
 
     job: Job
     source: Source
     reconstruction: Reconstruction | None = None
+    locator: Callable[[Job, SensorProfile], Locate] = make_locator
 
 
-def watch(
-    watched: Watch, tally: Tally, stop: Event, locator: Callable[[Job, SensorProfile], Locate] = make_locator
-) -> Iterator[Located | None]:
+def watch(watched: Watch, tally: Tally, stop: Event) -> Iterator[Located | None]:
     """Answers as frames come, until there are no more or `stop` is set: `watch_all` of one sensor."""
-    for found in watch_all([watched], [tally], stop, locator):
+    for found in watch_all([watched], [tally], stop):
         yield None if found is None else found[1]
 
 
-def watch_all(
-    watches: Sequence[Watch],
-    tallies: Sequence[Tally],
-    stop: Event,
-    locator: Callable[[Job, SensorProfile], Locate] = make_locator,
-) -> Iterator[tuple[int, Located] | None]:
+def watch_all(watches: Sequence[Watch], tallies: Sequence[Tally], stop: Event) -> Iterator[tuple[int, Located] | None]:
     """Answers of several sensors as their frames come, until there are no more or `stop` is set.
 
     Each is read by a thread of its own, at its own rate; this one locates, and takes them in turn where several have a frame.
@@ -68,7 +63,7 @@ def watch_all(
     """
     locators: dict[int, _Locators] = {}  # sensors of one profile share them, and all share the tapes
     for watched in watches:
-        _locator(watched.job, None, locators.setdefault(id(watched.job.sensor), {}), locator)  # compiled before the first frame
+        _locator(watched, None, locators.setdefault(id(watched.job.sensor), {}))  # compiled before the first frame
     changed, last = Condition(), -1
     slots = [Slot(changed) for _ in watches]
     for watched, tally, slot in zip(watches, tallies, slots, strict=True):
@@ -85,7 +80,7 @@ def watch_all(
             last, frame = found
             watched, tally, taken_s = watches[last], tallies[last], perf_counter()
             try:
-                located = _located(watched, frame, tally, locators[id(watched.job.sensor)], locator)
+                located = _located(watched, frame, tally, locators[id(watched.job.sensor)])
             except FrameError as error:
                 tally.unusable += 1
                 tally.trouble(Trouble(kind="frame unusable", message=f"frame {frame.number}: {error}"))
@@ -113,15 +108,9 @@ def _read(source: Source, slot: Slot, tally: Tally, stop: Event, alone: bool) ->
     slot.end(error)
 
 
-def _located(
-    watched: Watch,
-    frame: Frame,
-    tally: Tally,
-    locators: _Locators,
-    locator: Callable[[Job, SensorProfile], Locate],
-) -> Located:
+def _located(watched: Watch, frame: Frame, tally: Tally, locators: _Locators) -> Located:
     """A frame and its answer. Raises FrameError."""
-    sensor, locate = _locator(watched.job, frame.px_per_mm, locators, locator)
+    sensor, locate = _locator(watched, frame.px_per_mm, locators)
     if frame.image.ndim == 2 and frame.image.dtype.kind == "f" and frame.image.shape == sensor.frame_shape:
         holes = int(frame.image.size - np.count_nonzero(np.isfinite(frame.image)))
         if holes:
@@ -144,17 +133,13 @@ def _depth(image: npt.NDArray[np.uint8], reconstruction: Reconstruction, sensor:
     return reconstruction.depth(image)
 
 
-def _locator(
-    job: Job,
-    px_per_mm: tuple[float, float] | None,
-    locators: _Locators,
-    locator: Callable[[Job, SensorProfile], Locate],
-) -> tuple[SensorProfile, Locate]:
+def _locator(watched: Watch, px_per_mm: tuple[float, float] | None, locators: _Locators) -> tuple[SensorProfile, Locate]:
     """The profile with a frame's scale, and what locates its frames."""
+    job = watched.job
     scale = px_per_mm or job.sensor.px_per_mm
     if scale not in locators:
         if len(locators) == MOST_SCALES:
             raise FrameError(f"it has a px_per_mm of its own, {scale}, after {MOST_SCALES} others; leave it out of the files")
         sensor = job.sensor if scale == job.sensor.px_per_mm else replace(job.sensor, px_per_mm=scale)
-        locators[scale] = (sensor, locator(job, sensor))
+        locators[scale] = (sensor, watched.locator(job, sensor))
     return locators[scale]

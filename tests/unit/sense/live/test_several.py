@@ -41,8 +41,8 @@ def frames_of(first: int, count: int, pause_s: float = 0.0, keep: bool = True, t
 def answered(sources: list[Source], locator: object = at_once) -> tuple[list[tuple[int, int]], list[Tally]]:
     """Sensor and frame of each answer, and the tallies."""
     tallies = [Tally() for _ in sources]
-    watches = [Watch(job=JOB, source=source) for source in sources]
-    found = watch_all(watches, tallies, Event(), locator)  # type: ignore[arg-type]
+    watches = [Watch(job=JOB, source=source, locator=locator) for source in sources]  # type: ignore[arg-type]
+    found = watch_all(watches, tallies, Event())
     return [(one[0], one[1].frame) for one in found if one is not None], tallies
 
 
@@ -109,9 +109,9 @@ def test_a_source_that_fails_does_not_end_the_others() -> None:
         raise TactapeError("camera gone")
 
     tallies, seen = [Tally(), Tally()], []
-    watches = [Watch(job=JOB, source=source) for source in (broken, frames_of(0, 20, 0.002))]
+    watches = [Watch(job=JOB, source=source, locator=at_once) for source in (broken, frames_of(0, 20, 0.002))]
     with pytest.raises(TactapeError, match="camera gone"):
-        for found in watch_all(watches, tallies, Event(), at_once):
+        for found in watch_all(watches, tallies, Event()):
             seen.append(found)
     assert [tally.answered for tally in tallies] == [1, 20]
     assert tallies[0].troubles == {"source failed": 1} and tallies[1].troubles == {}

@@ -51,7 +51,7 @@ def frame(k: int, **others: object) -> Frame:
 
 
 def answers(source: Source, tally: Tally, locator: object = at_once) -> list[Located]:
-    found = watch(Watch(job=JOB, source=source), tally, Event(), locator)  # type: ignore[arg-type]
+    found = watch(Watch(job=JOB, source=source, locator=locator), tally, Event())  # type: ignore[arg-type]
     return [located for located in found if located is not None]
 
 
@@ -131,7 +131,7 @@ def test_a_source_that_is_silent_can_be_stopped() -> None:
         while not stop.wait(20.0):
             yield frame(0)
 
-    found = watch(Watch(job=JOB, source=source), tally, stop, at_once)
+    found = watch(Watch(job=JOB, source=source, locator=at_once), tally, stop)
     assert next(found) is None
     stop.set()
     assert list(found) == []
@@ -162,7 +162,7 @@ def test_memory_does_not_grow(tmp_path: Path) -> None:
     tally, used = Tally(), []
     tracemalloc.start()
     try:
-        for located in watch(Watch(job=JOB, source=again), tally, Event(), at_once):
+        for located in watch(Watch(job=JOB, source=again, locator=at_once), tally, Event()):
             if located is not None and tally.answered in (100, 590):
                 used.append(tracemalloc.get_traced_memory()[0])
     finally:
