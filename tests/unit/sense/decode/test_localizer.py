@@ -27,11 +27,6 @@ def plain(fix: Localization) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def localizer() -> Localizer:
-    return Localizer([TAPE])
-
-
-@pytest.fixture(scope="module")
 def closed() -> Localizer:
     return Localizer([TAPE], world="closed")
 

@@ -18,11 +18,6 @@ from tests.contacts import POSE, TAPE, R, dots, is_near
 
 
 @pytest.fixture(scope="module")
-def localizer() -> Localizer:
-    return Localizer([TAPE])
-
-
-@pytest.fixture(scope="module")
 def depth() -> npt.NDArray[np.float32]:
     return simulate(TAPE, POSE[0], POSE[1], seed=4)
 

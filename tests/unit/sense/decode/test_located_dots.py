@@ -30,11 +30,6 @@ NOISE_MM = 0.03
 BENT = Geometry(aspect=0.05, shear=0.04, k1=0.05, center_px=(170.0, 100.0))
 
 
-@pytest.fixture(scope="module")
-def localizer() -> Localizer:
-    return Localizer([TAPE])
-
-
 def dots_of(fix: Localization) -> LocatedDots:
     assert fix.located and fix.dots is not None, fix.reason
     assert len({len(a) for a in (fix.dots.uv_px, fix.dots.cell, fix.dots.symbol, fix.dots.residual_mm, fix.dots.inlier)}) == 1

@@ -46,11 +46,6 @@ POSES = [POSE, ((28.0, 14.0), -112.0), ((60.5, 21.3), 7.0)]
 REMEDY = re.compile(r"(sign|mirror|px_per_mm) = (\[[^\]]*\]|[-\w.]+)")
 
 
-@pytest.fixture(scope="module")
-def localizer() -> Localizer:
-    return Localizer([TAPE])
-
-
 def typed(reason: str, path: Path) -> Path:
     """A copy of the profile with what a reason says to set."""
     text = (templates_folder() / "sensors" / "gelsight-mini.toml").read_text(encoding="utf-8")

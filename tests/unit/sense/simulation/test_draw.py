@@ -10,11 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactape_fab import Kit, Tape, TapeSpec
+from tactape_fab import Kit, Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.templates import profile_names
-from tactape_fab.kit.plan import plan
-from tactape_fab.kit.profiles import load_fab, load_part
 from tactape_fab.sense import Parts, Scene, draw_poses, iterate_frames, load_sensor, parts_from_cpl, simulate, simulate_frames
 from tactape_fab.sense.simulation.contact import imprint
 from tactape_fab.sense.simulation.dot_errors import DotErrors, dots_of
@@ -25,11 +23,6 @@ from tactape_fab.verify.trip.visible_parts import ERROR_FREE
 from tests.bench.impostors import other_surface, plain_grid, random_bumps, random_symbols
 
 CENTRE = np.array([159.5, 119.5])
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
 
 
 # --- sensors ---------------------------------------------------------------------------------------------------------

@@ -8,16 +8,9 @@ from math import cos, pi, radians, sin
 import numpy as np
 import pytest
 
-from tactape_fab import Kit, Tape, TapeSpec
+from tactape_fab import Kit, Tape
 from tactape_fab.base.errors import SpecError
-from tactape_fab.kit.plan import plan
-from tactape_fab.kit.profiles import load_fab, load_part
 from tactape_fab.sense import Scene, draw_poses, iterate_frames, simulate_frames
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
 
 
 def corners_of(tape: Tape) -> tuple[float, float]:

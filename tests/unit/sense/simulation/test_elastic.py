@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab import Localizer, Tape, TapeSpec
+from tactape_fab import Localizer, Tape
 from tactape_fab.base.errors import SpecError
-from tactape_fab.kit.plan import plan
-from tactape_fab.kit.profiles import load_fab, load_part
 from tactape_fab.sense import (
     ElasticContact,
     Frame,
@@ -37,11 +35,6 @@ from tactape_fab.texture.frames import FloatArray
 PLAIN: dict[str, Any] = {"blur_mm": 0.0, "slope_limit": None}
 """The gel's surface itself."""
 POSE = (40.0, 20.0, 25.0)
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
 
 
 def small_sensor(px_per_mm: float, size_mm: tuple[float, float] = (6.0, 5.0)) -> SensorProfile:

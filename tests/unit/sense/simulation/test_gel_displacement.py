@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactape_fab import Tape, TapeSpec
-from tactape_fab.kit.plan import plan
-from tactape_fab.kit.profiles import load_fab, load_part
+from tactape_fab import Tape
 from tactape_fab.sense import Scene, iterate_frames, load_sensor
 from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.simulation.dot_errors import dots_of
@@ -19,11 +17,6 @@ from tactape_fab.verify.trip.visible_parts import ERROR_FREE
 
 MINI = load_sensor("gelsight-mini")
 POSE = (40.0, 20.0, 25.0)
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
 
 
 def view_of(tape: Tape, scene: Scene) -> View:

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon, box
 
-from tactape_fab import Tape, TapeSpec
-from tactape_fab.kit.plan import plan
-from tactape_fab.kit.profiles import load_fab, load_part
+from tactape_fab import Tape
 from tactape_fab.sense import Frame, Scene, iterate_frames, load_sensor, simulate
 from tactape_fab.sense.simulation.contact import imprint
 from tactape_fab.sense.simulation.parts import parts_of, scattered
@@ -29,11 +27,6 @@ BARE: dict[str, Any] = {
     "noise": 0.0,
 }
 CENTRE = np.array([159.5, 119.5])
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
 
 
 def board(tape: Tape, x_mm: float, y_mm: float) -> tuple[float, float]:

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab import Tape, TapeSpec
-from tactape_fab.kit.plan import plan
-from tactape_fab.kit.profiles import load_fab, load_part
+from tactape_fab import Tape
 from tactape_fab.sense import Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.simulation.contact import contact_images, imprint
@@ -28,11 +26,6 @@ BARE: dict[str, Any] = {
     "noise": 0.0,
 }
 BENT: dict[str, Any] = {"aspect_error": 0.05, "shear_error": -0.03, "k1_error": 0.04, "scale_error": 0.01}
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
 
 
 def one_frame(tape: Tape, sensor: SensorProfile = MINI, parts: Any = None, **options: Any) -> Frame:

@@ -18,11 +18,6 @@ from tests.contacts import TAPE, dots
 SENSOR = load_sensor("gelsight-mini")
 
 
-@pytest.fixture(scope="module")
-def localizer() -> Localizer:
-    return Localizer([TAPE])
-
-
 def at(localizer: Localizer, x: float, y: float, theta_deg: float) -> Localization:
     return localizer.locate_dots(dots((x, y), theta_deg, (5.0, 4.0)))
 

@@ -22,11 +22,6 @@ STEP_S = 0.04
 SENSOR = load_sensor("gelsight-mini")
 
 
-@pytest.fixture(scope="module")
-def localizer() -> Localizer:
-    return Localizer([TAPE])
-
-
 def follow(tracker: Tracker, frames: list[np.ndarray], start_s: float = 0.0) -> list[Track]:
     return [tracker.update_dots(xy, timestamp=start_s + k * STEP_S) for k, xy in enumerate(frames)]
 

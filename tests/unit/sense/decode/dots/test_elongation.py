@@ -8,8 +8,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 
-from tactape_fab import Tape, TapeSpec
-from tactape_fab.kit.examine.tape import examine
+from tactape_fab import Tape
 from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, parity_log_ratio, square_pixels, turn_weights
@@ -91,11 +90,6 @@ def test_oblong_pixels_and_mirrors_are_undone() -> None:
     mirror = np.diag([-1.0, 1.0])
     assert flipped_u(of(hessian)) == pytest.approx(of(mirror @ hessian @ mirror))
     assert square_pixels(None, aspect) is None and flipped_u(None) is None
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return examine(TapeSpec(sector=7)).layout.tape
 
 
 @pytest.mark.parametrize(

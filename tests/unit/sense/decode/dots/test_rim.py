@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactape_fab import Tape, TapeSpec
-from tactape_fab.kit.examine.tape import examine
+from tactape_fab import Tape
 from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.rim import settled
@@ -62,11 +61,6 @@ def test_low_dots_at_the_rim_move_outwards(turn_deg: float) -> None:
     assert (outwards[1:4] > 0.8).all() and (outwards[1:4] < 3.0).all()
     assert np.abs(moved[10] @ np.array([-s, c])) < outwards[2] / 4
     assert (moved[weights == 1.0] == 0.0).all()
-
-
-@pytest.fixture(scope="module")
-def tape() -> Tape:
-    return examine(TapeSpec(sector=7)).layout.tape
 
 
 @pytest.mark.parametrize(
