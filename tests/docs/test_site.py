@@ -100,10 +100,9 @@ def test_tables_are_current(page: str) -> None:
     assert text.count("|") > 20
 
 
-def test_messages_are_those_that_commands_print(default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_are_those_that_commands_print(default_kit: Kit, here: Path) -> None:
     script = script_of("make_messages")
     text = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
     script.prepare(default_kit.path)
     assert text == script.made_anew(text), "run docs/make_messages.py"
     for block in script.BLOCK.findall(text):

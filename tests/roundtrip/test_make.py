@@ -297,19 +297,17 @@ def test_every_code_and_size_makes_a_kit_that_verifies(
 # The Python interface
 
 
-def test_python_interface_is_as_the_contract_writes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, default_kit: Kit) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_python_interface_is_as_the_contract_writes_it(here: Path, default_kit: Kit) -> None:
     kit = make_kit(TapeSpec(sector=7, pitch_mm=1.5, displacement_mm=0.25, size_mm=(100, 50)), "out/tactape-s007")
     tape = Tape.load("out/tactape-s007/manifest.json")
     assert default_origin("microdots-4x4", 7) == (84, 1428) == tape.origin
     assert (tape.sector, tape.columns, tape.rows) == (7, 62, 32)
     assert (tape.symbols == kit.tape.symbols).all()
     assert all(check.passed for check in kit.checks)
-    assert contents(tmp_path / "out/tactape-s007") == contents(default_kit.path)
+    assert contents(here / "out/tactape-s007") == contents(default_kit.path)
 
 
-def test_make_kit_without_a_path_takes_the_tape_s_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_make_kit_without_a_path_takes_the_tape_s_name(here: Path) -> None:
     told: list[str] = []
     kit = make_kit(TapeSpec(sector=42, size_mm=(20, 20)), progress=told.append)
     assert kit.path == Path("tactape-s042")

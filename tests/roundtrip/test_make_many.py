@@ -38,12 +38,6 @@ def run(args: str) -> Result:
     return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def small_kit(sector: int, folder: Path) -> Files:
     return contents(make_kit(TapeSpec(sector=sector, size_mm=(20.0, 20.0), models=False), folder).path)
 

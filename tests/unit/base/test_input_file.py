@@ -126,17 +126,16 @@ def test_emboss_refuses_it(kind: Callable[[Path], Path], flat_kit: Kit, tmp_path
     ],
 )
 def test_every_other_file_that_a_command_names_is_refused(
-    name: str, words: str, kind: Callable[[Path], Path], flat_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, words: str, kind: Callable[[Path], Path], flat_kit: Kit, here: Path
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    kind(tmp_path / name)
+    kind(here / name)
     np.savez("here.npz", depth=np.zeros((1, 240, 320), dtype=np.float32))
     Path("here.png").write_bytes(b"no picture")
-    there = sorted(path.name for path in tmp_path.iterdir())
+    there = sorted(path.name for path in here.iterdir())
     run = CliRunner().invoke(main, [{"X": name, "KIT": str(flat_kit.path)}.get(word, word) for word in words.split()])
     assert run.exit_code == 2 and run.stderr.startswith("error: "), run.output
     assert name.partition(".")[0] in run.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == there
+    assert sorted(path.name for path in here.iterdir()) == there
 
 
 @pytest.mark.parametrize("kind", [fifo, zero])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab.cli import main
@@ -15,8 +14,7 @@ def run(*words: str) -> Result:
     return CliRunner().invoke(main, ["coupon", *words, "--no-verify"], prog_name="tactape-fab")
 
 
-def test_a_coupon_that_is_there_is_replaced_as_its_messages_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_coupon_that_is_there_is_replaced_as_its_messages_say(here: Path) -> None:
     made = run("-o", "my coupon")
     assert made.exit_code == 0, made.output
     assert "my coupon" in shlex.split(made.stderr)  # in the command that it names
@@ -24,7 +22,7 @@ def test_a_coupon_that_is_there_is_replaced_as_its_messages_say(tmp_path: Path, 
     assert refused.exit_code == 2
     (line,) = refused.stderr.splitlines()  # not the limits that it breaks on purpose
     assert "use --overwrite to replace a kit" in line
-    notes = tmp_path / "my coupon" / "generic-fpc-coupon-order-notes.txt"
+    notes = here / "my coupon" / "generic-fpc-coupon-order-notes.txt"
     notes.write_text("edited")
     (line,) = run("-o", "my coupon", "--overwrite").stderr.splitlines()
     assert "--discard-edits to lose these edits" in line

@@ -77,14 +77,13 @@ def test_a_narrow_tolerance_makes_the_same_tape_fail(flat_kit: Kit, scans: dict[
     ],
 )
 def test_what_cannot_be_meant_is_status_2_and_writes_nothing(
-    flat_kit: Kit, scans: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: list[str]
+    flat_kit: Kit, scans: dict[str, Path], here: Path, arguments: list[str], said: list[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     named = {"KIT": str(flat_kit.path), "GOOD": str(scans["good"])}
     result = run(*(named.get(a, a) for a in arguments))
     assert result.exit_code == 2
     assert all(text in result.stderr for text in said)
-    assert not list(tmp_path.iterdir())
+    assert not list(here.iterdir())
 
 
 @pytest.mark.parametrize("taken", ["a.json", "a-deviations.csv"])

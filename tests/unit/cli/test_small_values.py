@@ -23,13 +23,10 @@ REFUSED = {
 
 @pytest.mark.parametrize(("options", "says"), REFUSED.items(), ids=REFUSED.keys())
 @pytest.mark.parametrize("command", ["check", "make"])
-def test_a_value_too_small_to_be_meant_is_refused(
-    command: str, options: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_value_too_small_to_be_meant_is_refused(command: str, options: str, says: str, here: Path) -> None:
     run = CliRunner().invoke(main, [command, "--sector", "1", "--size", "20x20", *options.split()])
     assert run.exit_code == 2 and says in run.stderr
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize("radius", ["0", "0.01", "0.1"])

@@ -35,12 +35,11 @@ def run(command: str) -> Result:
         ("make --sector 7 --dry-run", "tactape-fab check measures, and writes nothing"),
     ],
 )
-def test_what_was_meant_is_named(command: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_what_was_meant_is_named(command: str, said: str, here: Path) -> None:
     result = run(command)
     assert result.exit_code == 2
     assert said in result.stderr
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -68,15 +67,13 @@ def test_a_check_that_was_not_run_is_not_counted() -> None:
     assert verified_line([*made, absent]) == "verified: 2 checks of the written files, 1 not run: OCCT"
 
 
-def test_grid_points_without_a_part_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_grid_points_without_a_part_are_counted(here: Path) -> None:
     result = run("make --sector 7 --size 30x20 --hole 20,10,2 --no-3d --no-verify")
     assert result.exit_code == 0
     assert "grid points at holes and corners left out" in result.stdout.splitlines()[0]
 
 
-def test_equal_names_are_certified_with_their_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_equal_names_are_certified_with_their_paths(here: Path) -> None:
     for folder in ("a", "b"):
         assert run(f"make --sector 7 --size 30x20 --no-3d --no-verify -o lab/{folder}").exit_code == 0
     rows = [line for line in run("certify lab").stdout.splitlines() if line.startswith("tactape-s007")]

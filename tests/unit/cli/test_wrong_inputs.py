@@ -102,15 +102,12 @@ OF_A_KIT = {
 
 
 @pytest.mark.parametrize(("command", "said"), OF_A_KIT.items(), ids=OF_A_KIT)
-def test_all_that_is_wrong_is_said_once_and_together(
-    command: str, said: list[str], default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_all_that_is_wrong_is_said_once_and_together(command: str, said: list[str], default_kit: Kit, here: Path) -> None:
     result = CliRunner().invoke(main, shlex.split(command.format(kit=default_kit.path)), prog_name="tactape-fab")
     assert (result.exit_code, result.stdout) == (2, ""), result.exception
     lines = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
     assert len(lines) == len(said) and all(any(text in line for line in lines) for text in said), lines
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -123,8 +120,7 @@ def test_a_number_may_have_its_own_unit(read: Callable[[str], object], texts: tu
     assert (read("2in"), read("max")) == ("2in", "max")
 
 
-def test_a_list_of_too_many_tapes_is_refused_before_they_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_list_of_too_many_tapes_is_refused_before_they_are_looked_at(here: Path) -> None:
     Path("many.toml").write_text("[[tapes]]\nsector = 300\n" * 4097)
     result = CliRunner().invoke(main, ["make", "many.toml", "-o", "kits"], prog_name="tactape-fab")
     assert result.exit_code == 2
@@ -149,10 +145,7 @@ def test_what_cannot_be_written_names_the_option_and_the_remedy(
         assert result.exit_code == 1 and said in result.stderr, result.stderr
 
 
-def test_a_cpl_of_other_parts_is_refused_and_one_of_fewer_said(
-    default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_cpl_of_other_parts_is_refused_and_one_of_fewer_said(default_kit: Kit, here: Path) -> None:
     shutil.copytree(default_kit.path, "kit")
     (cpl,) = Path("kit").rglob("*-cpl.csv")
     cpl.write_bytes(cpl.read_bytes().replace(b"\nR1,", b"\nX1,", 1))
@@ -170,16 +163,13 @@ def test_there_are_thirty() -> None:
 
 
 @pytest.mark.parametrize(("command", "said"), [*WRONG.items(), *AS_TYPED.items()], ids=[*WRONG, *AS_TYPED])
-def test_a_wrong_input_is_answered_as_it_was_typed(
-    command: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_wrong_input_is_answered_as_it_was_typed(command: str, said: str, here: Path) -> None:
     result = CliRunner().invoke(main, shlex.split(command), prog_name="tactape-fab")
     assert (result.exit_code, result.stdout) == (2, ""), result.exception
     lines = [line for line in result.stderr.splitlines() if line.lower().startswith("error: ")]
     assert [line for line in lines if said in line], lines
     assert [line for line in lines if OPTION_KEY.search(line)] == []
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -192,8 +182,7 @@ def test_a_wrong_input_is_answered_as_it_was_typed(
         ("decode frames.npz --tape code --code touch-1", "code: code = 'zz' is none of"),
     ],
 )
-def test_the_keys_of_a_file_stay(command: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_keys_of_a_file_stay(command: str, said: str, here: Path) -> None:
     Path("mine.toml").write_text('extends = "generic-fpc"\nname = 5\n')
     Path("code").mkdir()
     Path("code/manifest.json").write_text(json.dumps({**tape_at(7, (6, 5)).to_mapping(), **FORMAT, "code": "zz"}))
@@ -221,8 +210,7 @@ def test_a_size_that_is_named_holds_the_tag_in_its_corners() -> None:
     assert CliRunner().invoke(main, shlex.split(f"{command} --coverlay lpi {found[1]}")).exit_code == 0
 
 
-def test_of_many_problems_the_first_are_printed_and_the_rest_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_of_many_problems_the_first_are_printed_and_the_rest_counted(here: Path) -> None:
     Path("many.toml").write_text("".join(f"[[tapes]]\nsector = {k}\npitch_mm = -1\n" for k in range(300)))
     result = CliRunner().invoke(main, ["make", "many.toml"], prog_name="tactape-fab")
     lines = result.stderr.splitlines()
@@ -241,10 +229,7 @@ OF_A_FILE = {
 
 
 @pytest.mark.parametrize(("content", "said"), OF_A_FILE.items(), ids=OF_A_FILE)
-def test_a_key_of_a_spec_file_is_left_out_of_the_file(
-    content: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_key_of_a_spec_file_is_left_out_of_the_file(content: str, said: str, here: Path) -> None:
     Path("s.toml").write_text(f"sector = 7\n{content}\n", encoding="utf-8")
     result = CliRunner().invoke(main, ["check", "s.toml"], prog_name="tactape-fab")
     assert result.exit_code == 2 and said in result.stderr, result.stderr

@@ -30,9 +30,8 @@ def test_a_panel_is_examined_beside_a_tape_that_is_refused() -> None:
     assert coverlay.startswith("coverlay") and panel.startswith("panel")
 
 
-def test_a_folder_of_the_panel_s_name_is_nothing_to_who_writes_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "tactape-panel-s007").mkdir()
+def test_a_folder_of_the_panel_s_name_is_nothing_to_who_writes_none(here: Path) -> None:
+    (here / "tactape-panel-s007").mkdir()
     examined, _ = examine_order({"sector": 7, "panel": "3x2", **NARROW})
     assert isinstance(examined, ExaminedPanel) and examined.name == "tactape-panel-s007"
 

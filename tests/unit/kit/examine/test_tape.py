@@ -56,13 +56,10 @@ REFUSED: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("values", REFUSED, ids=str)
-def test_make_check_lists_and_panels_refuse_the_same_in_the_same_words(
-    values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_make_check_lists_and_panels_refuse_the_same_in_the_same_words(values: dict[str, Any], here: Path) -> None:
     lines = "".join(f"{key} = {toml(value)}\n" for key, value in {**FITTING, **values}.items())
-    (tmp_path / "one.toml").write_text(lines)
-    (tmp_path / "list.toml").write_text("[[tapes]]\n" + lines)
+    (here / "one.toml").write_text(lines)
+    (here / "list.toml").write_text("[[tapes]]\n" + lines)
     said = {}
     for command in COMMANDS:
         result = CliRunner().invoke(main, command.split())

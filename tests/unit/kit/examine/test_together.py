@@ -13,6 +13,7 @@ from tactape_fab.kit.examine.together import sector_words
 from tactape_fab.texture.certify.kits import registry
 from tests.thorough import only_thorough
 
+pytestmark = pytest.mark.usefixtures("here")
 BOTH = "tactape-s000 and tactape-s001: 1 pair of 4x4 windows read the same"
 
 
@@ -23,12 +24,6 @@ def run(command: str) -> Result:
 def said(result: Result) -> str:
     """The warning of tapes that conflict; "" without one."""
     return next((line for line in result.stderr.splitlines() if line.startswith("warning: together:")), "")
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @only_thorough

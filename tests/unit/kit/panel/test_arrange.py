@@ -123,18 +123,14 @@ CASES: list[tuple[str, int, str]] = [
 
 @pytest.mark.parametrize(("arguments", "status", "message"), CASES, ids=[case[0] for case in CASES])
 @pytest.mark.parametrize("command", ["make", "check"])
-def test_one_clear_message(
-    command: str, arguments: str, status: int, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_one_clear_message(command: str, arguments: str, status: int, message: str, here: Path) -> None:
     code, lines = run(f"{command} {arguments}")
     assert code == status, lines
     assert len([line for line in lines if re.search(message, line)]) == 1, lines
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
-def test_everything_that_is_wrong_is_said_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_everything_that_is_wrong_is_said_together(here: Path) -> None:
     code, lines = run("make --sector 7 --sectors 8,9 --panel 9x --tabs q --w -1 --fab nowhere")
     assert code == USAGE
     said = "\n".join(lines)

@@ -472,14 +472,11 @@ def test_what_is_for_nobody_is_refused(words: str, said: str, default_kit: Kit) 
     assert run.exit_code == 2 and said in run.output
 
 
-def test_a_sensor_of_one_s_own_is_found_from_any_folder(
-    default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_sensor_of_one_s_own_is_found_from_any_folder(default_kit: Kit, here: Path) -> None:
     Path("mine.toml").write_text((templates_folder() / "sensors" / "digit.toml").read_text())
     arguments = ["ros2", "--tape", str(default_kit.path), "--sensor", "mine.toml", "--package", "tactape_node"]
     assert CliRunner().invoke(main, arguments).exit_code == 0
-    assert f'sensor: "{tmp_path}/mine.toml"' in Path("tactape_node/config/tactape.yaml").read_text()
+    assert f'sensor: "{here}/mine.toml"' in Path("tactape_node/config/tactape.yaml").read_text()
 
 
 def test_its_parameters_are_those_of_the_node(tmp_path: Path) -> None:

@@ -339,13 +339,12 @@ def test_the_weights_of_a_file_are_the_network(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
 
 
-def test_the_page_runs_as_it_stands(tmp_path: Path, raw: Taken, default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_runs_as_it_stands(here: Path, raw: Taken, default_kit: Kit) -> None:
     folder, poses = raw
     page = (Path(__file__).parents[4] / "docs" / "raw-images.md").read_text(encoding="utf-8")
     for name in ("images", "background.png", "nnmodel.pth"):
-        (tmp_path / name).symlink_to(folder / name)
-    (tmp_path / "tactape-s007").symlink_to(default_kit.path)
-    monkeypatch.chdir(tmp_path)
+        (here / name).symlink_to(folder / name)
+    (here / "tactape-s007").symlink_to(default_kit.path)
     blocks = re.findall(r"^```(sh|python)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     assert [language for language, _ in blocks] == ["sh", "python"]
     check(run(blocks[0][1].removeprefix("tactape-fab ") + " --json"), poses)
