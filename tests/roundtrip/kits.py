@@ -206,6 +206,19 @@ def replaced(role: str, old: str, new: str) -> Edit:
     return edit
 
 
+def stated(path: str, value: Any) -> Edit:
+    """Set a value of the manifest, by its keys and indices with dots between."""
+
+    def edit(kit: OpenKit) -> None:
+        *parents, last = [int(k) if k.isdigit() else k for k in path.split(".")]
+        place: Any = kit.manifest
+        for key in parents:
+            place = place[key]
+        place[last] = value
+
+    return edit
+
+
 def text_of(role: str, change: Callable[[str], str]) -> Edit:
     return lambda kit: kit.text(role, change)
 

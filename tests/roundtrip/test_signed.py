@@ -9,38 +9,18 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from cryptography.hazmat.primitives import serialization
-from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from tactape_fab.cli import main
+from tests.signing import write_keys
 from tests.thorough import as_elsewhere
 
-_PEM, _SSH = serialization.Encoding.PEM, serialization.Encoding.OpenSSH
-_PKCS8, _OWN = serialization.PrivateFormat.PKCS8, serialization.PrivateFormat.OpenSSH
-_SPKI, _LINE = serialization.PublicFormat.SubjectPublicKeyInfo, serialization.PublicFormat.OpenSSH
-_OPEN = serialization.NoEncryption()
 SMALL = ("make", "--sector", "9", "--size", "20x20", "--part", "block", "--tag", "none")
 
 
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the keys of a shop in both forms, those of another, and keys that cannot be used."""
-    folder = tmp_path_factory.mktemp("keys")
-    for name, seed in (("shop", b"s" * 32), ("other", b"o" * 32)):
-        key = Ed25519PrivateKey.from_private_bytes(seed)
-        (folder / f"{name}.pem").write_bytes(key.private_bytes(_PEM, _PKCS8, _OPEN))
-        (folder / f"{name}.pub.pem").write_bytes(key.public_key().public_bytes(_PEM, _SPKI))
-        (folder / f"{name}.ssh").write_bytes(key.private_bytes(_PEM, _OWN, _OPEN))
-        (folder / f"{name}.pub").write_bytes(key.public_key().public_bytes(_SSH, _LINE) + b" someone@shop\n")
-    shop = Ed25519PrivateKey.from_private_bytes(b"s" * 32)
-    locked = serialization.BestAvailableEncryption(b"secret")
-    (folder / "locked.pem").write_bytes(shop.private_bytes(_PEM, _PKCS8, locked))
-    curve = generate_private_key(SECP256R1())
-    (folder / "curve.pem").write_bytes(curve.private_bytes(_PEM, _PKCS8, _OPEN))
-    (folder / "curve.pub").write_bytes(curve.public_key().public_bytes(_PEM, _SPKI))
-    (folder / "junk").write_bytes(b"-----BEGIN PRIVATE KEY-----\nAAAA\n-----END PRIVATE KEY-----\n")
-    return folder
+    return write_keys(tmp_path_factory.mktemp("keys"))
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +140,7 @@ def test_a_key_that_cannot_sign_is_refused_before_anything_is_made(key: str, key
     assert not (tmp_path / "kit").exists()
 
 
-@pytest.mark.parametrize("key", ["junk", "curve.pub", "shop.pem", "missing", "."])
+@pytest.mark.parametrize("key", ["junk", "curve.pub.pem", "shop.pem", "missing", "."])
 def test_a_key_that_cannot_check_is_refused(key: str, keys: Path, signed: Path) -> None:
     said = run("verify", signed, "--quick", "--key", keys / key)
     assert said.exit_code == 2

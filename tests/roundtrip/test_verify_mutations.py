@@ -41,6 +41,7 @@ from tests.roundtrip.kits import (
     points,
     replaced,
     rows,
+    stated,
     text_of,
     turned_90,
 )
@@ -410,19 +411,6 @@ def test_a_turned_tag_is_caught_by_both_detectors(quarters: int, flat_kit: Kit, 
 
 
 # The manifest
-
-
-def stated(path: str, value: Any) -> Edit:
-    """Set a value of the manifest, by its keys and indices with dots between."""
-
-    def edit(kit: OpenKit) -> None:
-        *parents, last = [int(k) if k.isdigit() else k for k in path.split(".")]
-        place: Any = kit.manifest
-        for key in parents:
-            place = place[key]
-        place[last] = value
-
-    return edit
 
 
 def another_sector(kit: OpenKit) -> None:

@@ -23,7 +23,7 @@ from click.testing import CliRunner
 from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.make.reproduce import reproduce_kit
-from tests.roundtrip.kits import Edit, OpenKit, bytes_of, moved, points
+from tests.roundtrip.kits import Edit, OpenKit, bytes_of, moved, points, stated
 from tests.thorough import costly
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
@@ -42,19 +42,6 @@ def text(role: str, old: str, new: str) -> Edit:
     def edit(kit: OpenKit) -> None:
         assert old.encode() in kit.data[role], f"{role} holds no {old!r}"
         kit.data[role] = kit.data[role].replace(old.encode(), new.encode(), 1)
-
-    return edit
-
-
-def stated(path: str, value: Any) -> Edit:
-    """Set a value of the manifest, by its keys with dots between."""
-
-    def edit(kit: OpenKit) -> None:
-        *parents, last = path.split(".")
-        place: Any = kit.manifest
-        for key in parents:
-            place = place[key]
-        place[last] = value
 
     return edit
 

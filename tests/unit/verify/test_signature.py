@@ -9,40 +9,18 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from cryptography.hazmat.primitives import serialization
-from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.texture.manifest import MOST_MANIFEST_BYTES
 from tactape_fab.verify.signature import check_signed, read_signer
+from tests.signing import SHOP, write_keys
 
-PEM, SSH = serialization.Encoding.PEM, serialization.Encoding.OpenSSH
-PKCS8, OWN = serialization.PrivateFormat.PKCS8, serialization.PrivateFormat.OpenSSH
-SPKI, LINE = serialization.PublicFormat.SubjectPublicKeyInfo, serialization.PublicFormat.OpenSSH
-OPEN = serialization.NoEncryption()
-SHOP = Ed25519PrivateKey.from_private_bytes(b"s" * 32)
 FINGERPRINT = "SHA256:kV77AjwNB531Bj+lewx93m9dAbGJpy8hkre8voTKF9g"
 
 
-@pytest.fixture
-def keys(tmp_path: Path) -> Path:
-    """A folder with one key in each of its forms, and keys of no use."""
-    (tmp_path / "keys").mkdir()
-    curve = generate_private_key(SECP256R1())
-    for name, data in {
-        "shop.pem": SHOP.private_bytes(PEM, PKCS8, OPEN),
-        "shop.ssh": SHOP.private_bytes(PEM, OWN, OPEN),
-        "locked.pem": SHOP.private_bytes(PEM, PKCS8, serialization.BestAvailableEncryption(b"secret")),
-        "curve.pem": curve.private_bytes(PEM, PKCS8, OPEN),
-        "shop.pub.pem": SHOP.public_key().public_bytes(PEM, SPKI),
-        "shop.pub": SHOP.public_key().public_bytes(SSH, LINE),
-        "curve.pub.pem": curve.public_key().public_bytes(PEM, SPKI),
-        "curve.pub": curve.public_key().public_bytes(SSH, LINE),
-        "junk": b"-----BEGIN PRIVATE KEY-----\nAAAA\n-----END PRIVATE KEY-----\n",
-    }.items():
-        (tmp_path / "keys" / name).write_bytes(data)
-    return tmp_path / "keys"
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_keys(tmp_path_factory.mktemp("keys"))
 
 
 @pytest.fixture
