@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, cos, pi, sin
-from typing import Literal
 
 import numpy as np
 
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray
-
-GridCase = Literal["A", "BC", "D"]
 
 TOLERANCE = 0.3
 """Largest misfit of a distance, as a fraction of delta; the paper gives none. At 0.5 every distance would fit."""
@@ -140,8 +137,8 @@ def most_probable(values: Values, delta_px: float) -> float | None:
     return float(values.value[this[np.lexsort((-values.count[this], -share))[0]]])
 
 
-def find_grid(xy_px: FloatArray, contact: int, delta_px: float) -> tuple[tuple[float, float], GridCase] | None:
-    """A grid point of dots that lie along the axes, and the worst case that was needed (Eq. 6-8).
+def find_grid(xy_px: FloatArray, contact: int, delta_px: float) -> tuple[float, float] | None:
+    """A grid point of dots that lie along the axes (Eq. 6-8); None where no two values are one delta apart.
 
     xy_px (n, 2): Turned dots (x', y').
     contact: Index of the contact dot.
@@ -150,14 +147,14 @@ def find_grid(xy_px: FloatArray, contact: int, delta_px: float) -> tuple[tuple[f
     near_x, near_y = xy_px[contact]
     n_x, n_y = equidistant(x, near_x, delta_px), equidistant(y, near_y, delta_px)
     if n_x is not None and n_y is not None:
-        return (float(x.value[n_x]), float(y.value[n_y])), "A"
+        return float(x.value[n_x]), float(y.value[n_y])
     distance2 = ((xy_px - xy_px[contact]) ** 2).sum(axis=1)
     if n_y is not None:
-        return (deduced(y, n_y, x, distance2), float(y.value[n_y])), "BC"
+        return deduced(y, n_y, x, distance2), float(y.value[n_y])
     if n_x is not None:
-        return (float(x.value[n_x]), deduced(x, n_x, y, distance2)), "BC"
+        return float(x.value[n_x]), deduced(x, n_x, y, distance2)
     x_g, y_g = most_probable(x, delta_px), most_probable(y, delta_px)
-    return None if x_g is None or y_g is None else ((x_g, y_g), "D")
+    return None if x_g is None or y_g is None else (x_g, y_g)
 
 
 def quadrant(offset_px: FloatArray) -> IntArray:

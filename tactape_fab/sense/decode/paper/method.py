@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, refuse
-from tactape_fab.sense.decode.paper.dot_grid import GridCase, find_baseline, find_grid, read_symbols, turned
+from tactape_fab.sense.decode.paper.dot_grid import find_baseline, find_grid, read_symbols, turned
 from tactape_fab.sense.decode.paper.preprocess import REFERENCE_PX_PER_MM, contact_dot, detect_dots, estimate_scale
 from tactape_fab.sense.decode.paper.windows_read import (
     Reading,
@@ -49,18 +49,14 @@ class PaperTrace:
     dots_px (n, 2)
     contact_dot: Index of the contact dot (Eq. 3).
     slope_rad: theta_slope (Eq. 5), in [-pi/4, pi/4].
-    grid_case {"A", "BC", "D"}: The worst case needed by either axis (Eq. 6-8).
     symbols (side, side): Symbols around the contact dot as read, before theta_A; -1 where missing.
-    votes: Every place that the windows decode to, most windows first.
     lost_at {"detect", "baseline", "grid", "symbols", "decode", "bounds"}: The step that failed; None if the frame is located.
     """
 
     dots_px: FloatArray
     contact_dot: int | None = None
     slope_rad: float | None = None
-    grid_case: GridCase | None = None
     symbols: IntArray | None = None
-    votes: tuple[Reading, ...] = ()
     chosen: Reading | None = None
     lost_at: LostAt | None = None
 
@@ -193,18 +189,16 @@ def _locate(
         return _lost(trace, "baseline", tape, scale)
     # about the contact dot, so that turning rounds near 0 and the contact dot is the origin
     upright = turned(dots - dots[contact], slope)
-    grid = find_grid(upright, contact, delta_px)
+    point = find_grid(upright, contact, delta_px)
     trace = replace(trace, slope_rad=slope)
-    if grid is None:
+    if point is None:
         return _lost(trace, "grid", tape, scale)
-    point, case = grid
     symbols = read_symbols(upright, contact, point, w_px, delta_px, code.window + 1)
-    trace = replace(trace, grid_case=case, symbols=symbols)
+    trace = replace(trace, symbols=symbols)
     if not (np.lib.stride_tricks.sliding_window_view(symbols, (code.window,) * 2) >= 0).all(axis=(2, 3)).any():
         return _lost(trace, "symbols", tape, scale)
-    votes = read_windows(code, symbols)
-    chosen, lost_at = choose(code, votes, tapes)
-    trace = replace(trace, votes=votes, chosen=chosen)
+    chosen, lost_at = choose(code, read_windows(code, symbols), tapes)
+    trace = replace(trace, chosen=chosen)
     if chosen is None:
         return _lost(trace, lost_at, tape, scale)
     return _answer(trace, chosen, tapes, image_size, scale), trace
