@@ -18,10 +18,10 @@ from tactape_fab.texture.certify.certificate import closest
 from tactape_fab.texture.certify.kits import certified
 from tactape_fab.texture.certify.origin import choose_origin
 from tactape_fab.texture.code import DEFAULT_CODE, get_plane
+from tests.bench.marks import replaced
 
 PAGE = Path(__file__).parent / "certify.md"
 FIGURE = Path(__file__).parent / "figures" / "certify-map.png"
-BEGIN, END = "<!-- numbers -->\n", "<!-- /numbers -->\n"
 DISTANCES = range(4)
 
 
@@ -55,11 +55,8 @@ def main() -> None:
     head = [f"| least distance | {' | '.join(map(str, DISTANCES))} |", "|---" * (len(DISTANCES) + 1) + "|"]
     table = "\n".join([*head, default_row(), best_row(), ""])
     sys.stdout.write(table)
-    if "--write" not in sys.argv[1:]:
-        return
-    text = PAGE.read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN)
-    PAGE.write_text(f"{before}{BEGIN}{table}{END}{rest.split(END)[1]}", encoding="utf-8")
+    if "--write" in sys.argv[1:]:
+        PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), "numbers", table), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -10,9 +10,9 @@ import tempfile
 from pathlib import Path
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tests.bench.marks import replaced
 
 PAGE = Path(__file__).parent / "verify.md"
-BEGIN, END = "<!-- numbers -->\n", "<!-- /numbers -->\n"
 
 
 def lasting_rows(kit: Kit) -> list[str]:
@@ -38,12 +38,8 @@ def main() -> None:
         rows = lasting_rows(kit)
     table = "\n".join(["| | |", "|---|---|", *rows, ""])
     sys.stdout.write(table)
-    if "--write" not in sys.argv[1:]:
-        return
-    text = PAGE.read_text(encoding="utf-8")
-    head, rest = text.split(BEGIN)
-    tail = rest.split(END)[1]
-    PAGE.write_text(f"{head}{BEGIN}{table}{END}{tail}", encoding="utf-8")
+    if "--write" in sys.argv[1:]:
+        PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), "numbers", table), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from tactape_fab.texture.frames import FloatArray
 from tests.bench.dot_records import Edge, recorded
 from tests.bench.false_tally import upper_bound
 from tests.bench.localization_false import IMPOSTORS, MIRRORED, SCENES, Job, _poses
-from tests.bench.localization_measure import is_right
+from tests.bench.localization_measure import Truth, is_right
 from tests.bench.localization_rows import SECTOR, SEED, registered_tape
 from tests.bench.marks import command, write_between
 from tests.bench.recorded import draw_dots
@@ -146,7 +146,7 @@ OWN, OTHER_SECTORS, OTHER_CODE, NO_MANIFEST = (
 SUBJECTS = (*IMPOSTORS, MIRRORED, OTHER_CODE, OTHER_SECTORS)
 
 
-def right_place(fix: Localization, truth: Posed, tape: Tape) -> bool:
+def right_place(fix: Localization, truth: Truth, tape: Tape) -> bool:
     """Whether an answer names the place; without a tape it is one in the plane, whose mm are the tape's own from its origin."""
     if not fix.located or fix.tape is not None:
         return is_right(fix, truth, tape)

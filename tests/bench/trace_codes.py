@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab import Localization, Localizer, Tape
-from tactape_fab.sense import Frame, Scene, iterate_frames
+from tactape_fab import Localizer, Tape
+from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.texture.code import CODES, DEFAULT_CODE, TOUCH_CODE, get_code
 from tactape_fab.texture.touch.patches import PATCHES
 from tactape_fab.texture.trace import TraceCode
-from tests.bench.localization_measure import WORLDS, is_right
+from tests.bench.code_trust import right_place
+from tests.bench.localization_measure import WORLDS
 from tests.bench.localization_rows import SEED, registered_tape
 from tests.bench.marks import command, write_between
 
@@ -104,20 +105,11 @@ def beside(size_mm: float, frames: int) -> dict[str, dict[str, int]]:
         for frame in iterate_frames(tape, frames, SEED + 17, scene=scene):
             for known, localizer in localizers.items():
                 fix = localizer.locate(frame.depth)
-                right = _is_right(fix, frame, tape)
+                right = right_place(fix, frame, tape)
                 counts[known] += fix.located and right
                 counts["wrong"] += fix.located and not right
         found[code] = counts
     return found
-
-
-def _is_right(fix: Localization, frame: Frame, tape: Tape) -> bool:
-    """Whether an answer names the place; without a tape it is one in the plane, whose mm are the tape's own from its origin."""
-    if not fix.located or fix.tape is not None:
-        return is_right(fix, frame, tape)
-    assert fix.plane_mm is not None
-    off = np.subtract(fix.plane_mm, np.multiply(tape.origin, tape.pitch_mm)) - frame.position_mm
-    return fix.sector == tape.sector and float(np.hypot(*off)) < tape.pitch_mm / 2
 
 
 def _tape(code: str) -> Tape:

@@ -278,13 +278,17 @@ MUTATIONS: dict[str, tuple[Edit, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", MUTATIONS)
-def test_what_is_wrong_is_named(name: str, panel_2: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
-    edit, line = MUTATIONS[name]
-    opened = OpenKit(copied(panel_2))
+def assert_named(case: tuple[Edit, str], folder: Path) -> None:
+    edit, line = case
+    opened = OpenKit(folder)
     edit(opened)
     wrong = failed(verify_panel_folder(opened.save(consistent=True) / "manifest.json", quick=True, kits=False))
     assert any(re.fullmatch(line, found) for found in wrong), list(wrong)
+
+
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_what_is_wrong_is_named(name: str, panel_2: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
+    assert_named(MUTATIONS[name], copied(panel_2))
 
 
 def test_a_changed_kit_is_named(panel_2: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
@@ -431,11 +435,7 @@ PACKED_MUTATIONS: dict[str, tuple[Callable[[OpenKit], object], str]] = {
 
 @pytest.mark.parametrize("name", PACKED_MUTATIONS)
 def test_what_is_wrong_on_a_packed_panel_is_named(name: str, panel_packed: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
-    edit, line = PACKED_MUTATIONS[name]
-    opened = OpenKit(copied(panel_packed))
-    edit(opened)
-    wrong = failed(verify_panel_folder(opened.save(consistent=True) / "manifest.json", quick=True, kits=False))
-    assert any(re.fullmatch(line, found) for found in wrong), list(wrong)
+    assert_named(PACKED_MUTATIONS[name], copied(panel_packed))
 
 
 @pytest.mark.parametrize("name", ["panel_packed", "coupon_panel"])

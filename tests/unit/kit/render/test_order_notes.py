@@ -264,6 +264,15 @@ def test_a_board_that_fits_the_line_needs_no_panel() -> None:
     assert "please panelise it" in notes_of(facts_of(examined(size_mm=(251.0, 80.0), pitch_mm=4.0)))
 
 
+def packed_notes(tapes: list[Examined]) -> str:
+    """The notes of a panel packed of some tapes, on one line."""
+    _, (packed,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
+    layouts = [tapes[i].layout for i in packed.tapes]
+    facts = panel_order_facts("panel", packed.panel, layouts, tapes[0].fab, tapes[0].findings, files_of(tapes[0]))
+    (artifact,) = render_order_notes(facts)
+    return flat(artifact.data.decode("utf-8"))
+
+
 @pytest.mark.parametrize(
     ("other", "designs"),
     [
@@ -278,21 +287,13 @@ def test_a_board_that_fits_the_line_needs_no_panel() -> None:
 def test_tapes_of_one_sector_that_differ_otherwise_are_different_designs(other: dict[str, Any], designs: int) -> None:
     usual: dict[str, Any] = {"fab": "jlcpcb-fpc", "pitch_mm": 2.1, "displacement_mm": 0.25}
     tapes = [examined(**{**usual, **more}) for more in ({}, other)]
-    _, (packed,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
-    layouts = [tapes[i].layout for i in packed.tapes]
-    facts = panel_order_facts("panel", packed.panel, layouts, tapes[0].fab, tapes[0].findings, files_of(tapes[0]))
-    (artifact,) = render_order_notes(facts)
-    assert f"Different Design {designs} " in flat(artifact.data.decode("utf-8"))
+    assert f"Different Design {designs} " in packed_notes(tapes)
 
 
 @pytest.mark.parametrize(("anchors", "some"), [(("none", "mesh"), True), (("spur", "mesh"), False)])
 def test_pads_that_nothing_holds_on_one_tape_of_a_panel_are_asked_about(anchors: tuple[str, ...], some: bool) -> None:
     tapes = [examined(sector=k, anchor=anchor, pitch_mm=1.8, displacement_mm=0.25) for k, anchor in enumerate(anchors)]
-    _, (packed,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
-    layouts = [tapes[i].layout for i in packed.tapes]
-    facts = panel_order_facts("panel", packed.panel, layouts, tapes[0].fab, tapes[0].findings, files_of(tapes[0]))
-    (artifact,) = render_order_notes(facts)
-    said = flat(artifact.data.decode("utf-8"))
+    said = packed_notes(tapes)
     assert f"Copper runs on from {'some' if some else 'the'} pads" in said
     assert ("Isolated pads can peel off" in said) == some
 
@@ -301,13 +302,8 @@ def test_pads_that_nothing_holds_on_one_tape_of_a_panel_are_asked_about(anchors:
 def test_parts_of_turned_tapes_are_turned_as_the_list_has_them(rotation_deg: float, words: str) -> None:
     sizes_mm = ((200.0, 30.0), (30.0, 200.0))
     tapes = [examined(sector=k, size_mm=size_mm, rotation_deg=rotation_deg) for k, size_mm in enumerate(sizes_mm)]
-    _, (packed,) = pack_panels([(tape.tape.board.size_mm, 1.0) for tape in tapes], tapes[0].fab)
-    assert {place.turned for place in packed.panel.places} == {False, True}
-    layouts = [tapes[i].layout for i in packed.tapes]
-    facts = panel_order_facts("panel", packed.panel, layouts, tapes[0].fab, tapes[0].findings, files_of(tapes[0]))
-    (artifact,) = render_order_notes(facts)
     first, second, lean, lean_turned = words.split()
-    said = flat(artifact.data.decode("utf-8"))
+    said = packed_notes(tapes)
     assert f"all on top, turned {first} deg counter-clockwise, on tapes that lie turned {second} deg: seen" in said
     assert f"every part leans like this: {lean} or, on turned tapes, {lean_turned}" in said
 
