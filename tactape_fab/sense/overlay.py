@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import cos, radians, sin
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -143,6 +144,14 @@ def grid_lines_mm(tape: Tape, view: View) -> FloatArray:
     return np.reshape([*columns, *rows], (-1, 2, 2)) * tape.pitch_mm
 
 
+def box_mm(tape: Tape) -> tuple[FloatArray, FloatArray]:
+    """Corner and size of the board's outline, texture frame, mm; of the grid's where the texture is on no board."""
+    if tape.surface is not None:
+        return np.full(2, -tape.pitch_mm), (np.array([tape.columns, tape.rows]) + 1.0) * tape.pitch_mm
+    (x0, y0), (width_mm, height_mm) = tape.board.texture_origin_mm, tape.board.size_mm
+    return np.array([-x0, y0 - height_mm]), np.array([width_mm, height_mm])
+
+
 def ellipse_mm(covariance: FloatArray) -> FloatArray:
     """Ellipse of two standard deviations of a position, a closed line of shape (n, 2), texture frame, mm."""
     values, axes = np.linalg.eigh(covariance[:2, :2])
@@ -195,12 +204,7 @@ def _draw_pose(picture: Picture, tape: Tape, view: View) -> None:
 
 def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> None:
     """Draw the whole tape in its box: outline, parts, the sensor's field, an arrow along image u, the dot at the contact."""
-    x0, y0 = tape.board.texture_origin_mm
-    width_mm, height_mm = tape.board.size_mm
-    low, size_mm = np.array([-x0, y0 - height_mm]), np.array([width_mm, height_mm])
-    if tape.surface is not None:
-        low = np.full(2, -tape.pitch_mm)
-        size_mm = (np.array([tape.columns, tape.rows]) + 1.0) * tape.pitch_mm
+    low, size_mm = box_mm(tape)
     room = np.array([panel.shape[1], panel.shape[0]]) - 32.0
     px_per_mm = float((room / size_mm).min())
     corner = 16.0 + (room - size_mm * px_per_mm) / 2
@@ -208,10 +212,10 @@ def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> Non
     def to_px(texture_mm: npt.ArrayLike) -> FloatArray:
         return np.asarray((np.asarray(texture_mm) - low) * px_per_mm + corner)
 
-    _outline(panel, to_px(low + size_mm * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])), _TEXT, 1)
+    _line(panel, to_px(low + size_mm * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])), _TEXT, 1)
     u, v = np.rint(to_px(placed_mm(tape))).astype(int).T
     panel[np.clip(v, 0, panel.shape[0] - 1), np.clip(u, 0, panel.shape[1] - 1)] = _FIELD
-    _outline(panel, to_px(view.corners_mm[[0, 1, 3, 2]]), _OTHER, 2)
+    _line(panel, to_px(view.corners_mm[[0, 1, 3, 2]]), _OTHER, 2)
     start = to_px(view.position_mm)
     ahead = view.turn @ (1.0, 0.0)  # image u on the texture
     end = start + ahead * max(4 * tape.pitch_mm * px_per_mm, 22.0)
@@ -232,11 +236,11 @@ def _draw_error(panel: Picture, fix: Localization) -> None:
     half_um = next((s for s in _ERROR_SCALES_UM if s >= 2.2 * sigma_um.max()), _ERROR_SCALES_UM[-1])
     px_per_um = _ERROR_PX / half_um
     box = np.array(centre) + _ERROR_PX * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    _outline(panel, box, _FIELD, 1)
+    _line(panel, box, _FIELD, 1)
     _stroke(panel, (centre[0] - _ERROR_PX, centre[1]), (centre[0] + _ERROR_PX, centre[1]), _FIELD, 1)
     _stroke(panel, (centre[0], centre[1] - _ERROR_PX), (centre[0], centre[1] + _ERROR_PX), _FIELD, 1)
     shown = np.clip(ellipse_mm(fix.covariance) * 1000.0 * px_per_um, -_ERROR_PX, _ERROR_PX) + centre
-    _outline(panel, shown, _AGREEING, 2)
+    _line(panel, shown, _AGREEING, 2)
     _write(panel, f"2 sigma; box +-{half_um:g} um", (28, 18), 0.45)
     theta_deg = float(np.degrees(np.sqrt(fix.covariance[2, 2])))
     _write(panel, f"sigma {sigma_um[0]:.1f}, {sigma_um[1]:.1f} um, {theta_deg:.3f} deg", (8, 208), 0.42)
@@ -262,11 +266,7 @@ def _arrow(picture: Picture, a: Point, b: Point, colour: Colour) -> None:
     cv2.arrowedLine(picture, _fixed(a), _fixed(b), colour, 2, cv2.LINE_AA, _SUBPIXEL, 0.2)
 
 
-def _outline(picture: Picture, corners: FloatArray, colour: Colour, width: int) -> None:
-    _line(picture, corners, colour, width, closed=True)
-
-
-def _line(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool) -> None:
+def _line(picture: Picture, points: FloatArray, colour: Colour, width: int, *, closed: bool = True) -> None:
     cv2 = library("cv2", "drawing a picture")
 
     fixed = np.rint(points * 2**_SUBPIXEL).astype(np.int32)
@@ -288,14 +288,8 @@ def _write(picture: Picture, text: str, at: tuple[int, int], size: float = 0.5, 
 def _words(fix: Localization, frame: int) -> list[str]:
     first = f"frame {frame}: {fix.status}, {fix.n_agree} of {fix.n_dots} dots agree"
     if not fix.located:
-        return [first, *_wrapped(f"not located: {fix.reason}")]
+        return [first, *wrap(f"not located: {fix.reason}".encode("ascii", "replace").decode(), 85)]
     where = "" if fix.position_mm is None else f"  x {fix.position_mm[0]:.3f}  y {fix.position_mm[1]:.3f} mm"
     turn = "" if fix.theta_deg is None else f"  {fix.theta_deg:.2f} deg"
     chance = "" if fix.p_false is None else f"  p_false {fix.p_false:.1e}"
     return [first, f"{fix.tape or f'sector {fix.sector}'}{where}{turn}{chance}"]
-
-
-def _wrapped(text: str) -> list[str]:
-    import textwrap
-
-    return textwrap.wrap(text.encode("ascii", "replace").decode(), 85)

@@ -194,7 +194,7 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
         mirror=mirror,
         rotate90=rotate90,
         depth_unit_mm=unit_mm,
-        **_smooth_noise(noise, slope_noise is None),
+        **_given(noise, _SMOOTH, needed=slope_noise is None),
         scale_tolerance=image.number("scale_tolerance", low=0.0, high=0.5, unit=""),
         mask=_read_mask(image, folder, (height_px, width_px), mirror, rotate90) if "mask" in image.values else None,
         slope_noise=slope_noise,
@@ -226,18 +226,13 @@ def _examine_lens(profile: SensorProfile, table: Fields) -> None:
         )
 
 
-def _given(table: Fields, bounds: Mapping[str, tuple[float, float, str]]) -> dict[str, float]:
-    """The numbers of a table that are there; those left out keep their defaults."""
+def _given(table: Fields, bounds: Mapping[str, tuple[float, float, str]], *, needed: bool = False) -> dict[str, float]:
+    """The numbers of a table, or where they are not needed those that are there; those left out keep their defaults."""
     return {
-        key: table.number(key, low=low, high=high, unit=unit) for key, (low, high, unit) in bounds.items() if key in table.values
+        key: table.number(key, low=low, high=high, unit=unit)
+        for key, (low, high, unit) in bounds.items()
+        if needed or key in table.values
     }
-
-
-def _smooth_noise(noise: Fields, wanted: bool) -> dict[str, float]:
-    """White and smooth noise: all three figures where there is no slope noise, else those that are there."""
-    if not wanted:
-        return _given(noise, _SMOOTH)
-    return {key: noise.number(key, low=low, high=high, unit=unit) for key, (low, high, unit) in _SMOOTH.items()}
 
 
 def _read_geometry(table: Fields, size_px: tuple[int, int]) -> Geometry:

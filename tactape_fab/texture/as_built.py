@@ -129,8 +129,7 @@ class AsBuilt:
     source: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
-        problems = _array_problems(self)
-        refuse(problems)
+        refuse(_array_problems(self))
         for array in (self.number, self.dx_mm, self.dy_mm, self.rotation_deg, self.present, self.sigma_mm):
             array.setflags(write=False)
 
@@ -337,8 +336,7 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, m
     if isinstance(given, str) and given == NOMINAL:
         return None
     built = given if isinstance(given, AsBuilt) else AsBuilt.load(manifest.parent / AS_BUILT_NAME if given is None else given)
-    problems = built.problems_for(name, manifest_digest(manifest), parts, most_mm)
-    refuse(problems)
+    refuse(built.problems_for(name, manifest_digest(manifest), parts, most_mm))
     return built
 
 

@@ -17,15 +17,9 @@ MANIFEST_FORMAT = "tactape-manifest/1"
 PANEL_FORMAT = "tactape-panel/1"
 PACKED_FIRST_LINE = b"tactape-registry/1\n"
 """Begin of a packed registry, which holds many tapes and is no kit."""
-
-
 MANIFEST_NAME = "manifest.json"
-
-
 SIGNATURE_NAME = f"{MANIFEST_NAME}.sig"
 """File beside a manifest with the signature of who made the kit."""
-
-
 MOST_MANIFEST_BYTES = 16 * 1024 * 1024
 """A tape of 500,000 grid points, half of them omitted, 10,000 holes and 100 files takes 5 MB."""
 

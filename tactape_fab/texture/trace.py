@@ -94,10 +94,6 @@ class TraceCode(TapesOfPlane):
         column, row, sector = (np.where(known, of, -1).reshape(shape) for of in (column, row, sector))
         return WindowPlaces(valid=known.reshape(shape), column=column, row=row, sector=sector)
 
-    def symbols_of(self, elements: IntArray) -> SymbolArray:
-        """Symbols of places whose elements are z; any shape."""
-        return np.asarray((elements & 1) | _parity(elements & self._y_function) << 1, dtype=np.uint8)
-
     def functions_of(self, shape: tuple[int, int]) -> IntArray:
         """Functions of the bits of a patch by the element z of its first place; shape (rows, columns, 2), x before y.
 
@@ -108,8 +104,8 @@ class TraceCode(TapesOfPlane):
         # where the first element is a^t
         down = self._geometric(1, self.power(self.columns_apart), rows)
         places = self.products(down[:, None], self._geometric(1, 2, columns))
-        symbols = self.symbols_of(self.products(places[..., None], 1 << np.arange(self.degree)))
-        bits = np.stack([symbols & 1, symbols >> 1], axis=2).astype(np.int64)
+        elements = self.products(places[..., None], 1 << np.arange(self.degree))
+        bits = np.stack([elements & 1, _parity(elements & self._y_function)], axis=2)
         return np.asarray((bits << np.arange(self.degree)).sum(axis=3))
 
     def place_of(self, element: int) -> tuple[int, tuple[int, int]] | None:

@@ -19,7 +19,7 @@ import numpy as np
 from tactape_fab.base.errors import TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.sense.files.jobs import Located
-from tactape_fab.sense.overlay import View, ellipse_mm, grid_lines_mm, placed_mm
+from tactape_fab.sense.overlay import View, box_mm, ellipse_mm, grid_lines_mm, placed_mm
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
@@ -73,7 +73,8 @@ class RerunLog:
             if save is not None:
                 sinks.append(rr.FileSink(save))
             if show:
-                rr.spawn(port=_PORT, connect=False, executable_path=_viewer(), recording=self._recording)
+                ours = shutil.which("rerun", path=sysconfig.get_path("scripts"))  # None leaves the search to Rerun
+                rr.spawn(port=_PORT, connect=False, executable_path=ours, recording=self._recording)
                 _wait_for_viewer()
                 sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{_PORT}/proxy"))
             self._recording.set_sinks(*sinks, default_blueprint=_blueprint(tapes, sensor))
@@ -155,7 +156,9 @@ class RerunLog:
     def _draw_tape(self, tape: Tape) -> None:
         rr, path, parts = self._rr, self._names[tape.name], self._parts[tape.name]
         self._log(f"{path}/parts", rr.Points2D(parts, colors=_FIELD, radii=0.15), static=True)
-        self._log(f"{path}/outline", rr.LineStrips2D([_outline_mm(tape)], colors=_OUTLINE), static=True)
+        low, size_mm = box_mm(tape)
+        outline = low + size_mm * np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
+        self._log(f"{path}/outline", rr.LineStrips2D([outline], colors=_OUTLINE), static=True)
 
     def _draw_fix(self, located: Located, tape: Tape, image: np.ndarray[Any, np.dtype[np.float32]]) -> None:
         rr, fix = self._rr, located.fix
@@ -189,11 +192,6 @@ class RerunLog:
         self._touched = None
 
 
-def _viewer() -> str | None:
-    """The viewer that was installed with this interpreter; None leaves the search to Rerun."""
-    return shutil.which("rerun", path=sysconfig.get_path("scripts"))
-
-
 def _wait_for_viewer() -> None:
     """Return once the viewer has been listening for a while: one without a display does so for a moment, too.
 
@@ -216,16 +214,6 @@ def _dots(located: Located) -> FloatArray:
     from tactape_fab.sense.decode.dots.inputs import canonical_frame
 
     return frame_dots(canonical_frame(located.depth, located.sensor), located.sensor).xy_px
-
-
-def _outline_mm(tape: Tape) -> FloatArray:
-    """The board's outline in the texture frame; the grid's where the texture is on no board."""
-    x0, y0 = tape.board.texture_origin_mm
-    (width, height) = tape.board.size_mm
-    low, high = np.array([-x0, y0 - height]), np.array([width - x0, y0])
-    if tape.surface is not None:
-        low, high = np.full(2, -tape.pitch_mm), np.array([tape.columns, tape.rows]) * tape.pitch_mm
-    return np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
 
 
 def _blueprint(tapes: Sequence[Tape], sensor: SensorProfile) -> rr.blueprint.Blueprint:

@@ -211,11 +211,7 @@ class _Served:
         publisher.publish(message)
 
     def _diagnose(self) -> None:
-        now = self._node.get_clock().now().nanoseconds
-        self._send(self._health, self._ros.diagnostics, self._health_message(now))
-
-    def _health_message(self, now_ns: int) -> dict[str, Any]:
-        tally = self._tally
+        now_ns, tally = self._node.get_clock().now().nanoseconds, self._tally
         fresh, self._answered = tally.answered - self._answered, tally.answered
         level, said = (_OK, f"{fresh} answers in the last second") if fresh else (_STALE, "no depth image in the last second")
         unusable = tally.unusable + tally.troubles.get(_UNUSABLE, 0)  # other troubles are those, or holes in images that are used
@@ -237,7 +233,7 @@ class _Served:
             "hardware_id": self._sensor_frame,
             "values": [{"key": key, "value": str(value)} for key, value in values.items()],
         }
-        return {"header": header(now_ns, ""), "status": [status]}
+        self._send(self._health, self._ros.diagnostics, {"header": header(now_ns, ""), "status": [status]})
 
 
 def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:

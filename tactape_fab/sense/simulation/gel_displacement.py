@@ -27,7 +27,8 @@ def displacements(view: View, at_mm: FloatArray, rng: np.random.Generator) -> Fl
     given = view.scene.gel_correlation_mm
     length_mm = view.profile.gel.correlation_mm if given is None else given
     step_mm = length_mm / _NODES_PER_LENGTH
-    across, down = (np.arange(-n, n + 1) * step_mm for n in _counts(view.half_field_mm, length_mm, step_mm))
+    counts = [int(np.ceil((half + _REACH * length_mm) / step_mm)) for half in view.half_field_mm]  # on each side of the centre
+    across, down = (np.arange(-n, n + 1) * step_mm for n in counts)
     drawn = rng.standard_normal((2, len(across), len(down)))
     # exp(-(x - n)^2 / l^2) exp(-(y - n)^2 / l^2), summed over nodes n, is exp(-(x - y)^2 / 2 l^2) times a sum that hardly depends
     # on where between the nodes the points are
@@ -35,8 +36,3 @@ def displacements(view: View, at_mm: FloatArray, rng: np.random.Generator) -> Fl
     # the squares of the spread over all nodes add up to (pi / 2) (l / step)^2
     gain = displacement_um(view) / 1000.0 / (np.sqrt(np.pi / 2) * _NODES_PER_LENGTH)
     return np.asarray(gain * np.einsum("nu,kuv,nv->nk", of_u, drawn, of_v, optimize=True))
-
-
-def _counts(half_field_mm: FloatArray, length_mm: float, step_mm: float) -> list[int]:
-    """Nodes on each side of the image centre, along u and v."""
-    return [int(np.ceil((half + _REACH * length_mm) / step_mm)) for half in half_field_mm]
