@@ -131,14 +131,13 @@ def expected(press: Press, seen: camera.Seen, push_mm: float, pose: FloatArray) 
     return (press.seen_px - px) / scale, -shared / scale[:, None], -(by_point @ own) / scale[:, None]
 
 
-def solve(problem: Problem, at: FloatArray | None = None) -> Bundle:
-    """Least squares, from `start` unless said; dots that do not agree must be left out before (`agreeing`)."""
-    at = start(problem) if at is None else at
-    presses = problem.presses
-    white = [whitening(press, problem.errors) for press in presses]
+def solve(problem: Problem) -> Bundle:
+    """Least squares, from `start`; dots that do not agree must be left out before (`agreeing`)."""
+    at = start(problem)
+    white = [whitening(press, problem.errors) for press in problem.presses]
     held = np.concatenate([~problem.free, np.zeros(len(at) - camera.COUNT, dtype=bool)])
     free = np.flatnonzero(~held)
-    pattern = pattern_of([len(press.weights) for press in presses], len(at))
+    pattern = pattern_of([len(press.weights) for press in problem.presses], len(at))
     whole = partial(completed, at, free)
 
     # residuals and derivative come from one evaluation, and the solver asks for both at one point

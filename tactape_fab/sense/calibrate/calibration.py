@@ -202,11 +202,9 @@ def _adjusted(
     return kept, bundle, estimate, empty
 
 
-def adjust(
-    presses: Sequence[Press], sensor: SensorProfile, *, errors: Errors | None = None
-) -> tuple[list[Press], Bundle, Estimate]:
-    """Adjust presses from a rough profile: the dots that agree, the camera, and the errors of dots where they are not given."""
-    problem = problem_of(presses, sensor, errors or Errors())
+def adjust(presses: Sequence[Press], sensor: SensorProfile) -> tuple[list[Press], Bundle, Estimate]:
+    """Adjust presses from a rough profile: the dots that agree, the camera, and the errors of dots."""
+    problem = problem_of(presses, sensor, Errors())
     bundle = solve(problem)
     # the first solution rests on wrong dots, too: what agrees with it is chosen once more after it was solved without them
     for _ in range(2):
@@ -216,17 +214,14 @@ def adjust(
             refuse_few(kept)
         problem = problem_of(kept, bundle.sensor, bundle.errors, _free(bundle))
         bundle = solve(problem)
-        presses_used = kept
-        if errors is None:
-            estimate = estimate_errors(*designs_of(problem, bundle))
-            bundle = solve(replace(problem, errors=estimate.errors))
-            problem = replace(problem, errors=estimate.errors)
-        else:
-            estimate = Estimate(errors=errors, sigma_ln_gel=np.inf, sigma_ln_correlation=np.inf)
+        estimate = estimate_errors(*designs_of(problem, bundle))
+        problem = replace(problem, errors=estimate.errors)
+        bundle = solve(problem)
     free = _free(bundle)
     if not free.all():  # a lens whose distortion is not seen has no centre
-        bundle = solve(problem_of(presses_used, _centred(bundle.sensor), bundle.errors, free))
-    return presses_used, bundle, estimate
+        centred = replace(bundle.sensor, geometry=replace(bundle.sensor.geometry, center_px=None))
+        bundle = solve(problem_of(kept, centred, bundle.errors, free))
+    return kept, bundle, estimate
 
 
 def _free(bundle: Bundle) -> BoolArray:
@@ -235,10 +230,6 @@ def _free(bundle: Bundle) -> BoolArray:
     # the centre of no distortion can be anywhere: its covariance would be that of its prior
     free[4:] = abs(bundle.values[3]) > SURE_LENS * np.sqrt(bundle.covariance[3, 3])
     return free
-
-
-def _centred(sensor: SensorProfile) -> SensorProfile:
-    return replace(sensor, geometry=replace(sensor.geometry, center_px=None))
 
 
 def _corner_mm(bundle: Bundle) -> FloatArray:

@@ -94,8 +94,7 @@ def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precis
     rows = [_rows_of(design) for design in designs]
 
     def cost(z: FloatArray) -> float:
-        errors = Errors(dot_mm=float(np.exp(z[0])), **_gel(z))
-        return _minus_ln_likelihood(rows, errors, precision, own_precision)
+        return _minus_ln_likelihood(rows, _errors_of(z), precision, own_precision)
 
     # the errors at the start are as good as any: the likelihood of a variance alone has one maximum
     still = minimize(cost, np.array([np.log(START_MM)]), method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01})
@@ -108,19 +107,18 @@ def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precis
         if moved.fun < best_cost:
             best, best_cost = moved.x, moved.fun
     if best is None:
-        return Estimate(errors=Errors(dot_mm=float(np.exp(still.x[0]))), sigma_ln_gel=inf, sigma_ln_correlation=inf)
+        return Estimate(errors=_errors_of(still.x), sigma_ln_gel=inf, sigma_ln_correlation=inf)
     spread = _spread(cost, best)
-    return Estimate(
-        errors=Errors(dot_mm=float(np.exp(best[0])), **_gel(best)), sigma_ln_gel=spread[1], sigma_ln_correlation=spread[2]
-    )
+    return Estimate(errors=_errors_of(best), sigma_ln_gel=spread[1], sigma_ln_correlation=spread[2])
 
 
-def _gel(z: FloatArray) -> dict[str, float]:
+def _errors_of(z: FloatArray) -> Errors:
+    dot_mm = float(np.exp(z[0]))
     if len(z) == 1:
-        return {}
-    low, high = CORRELATIONS_MM
+        return Errors(dot_mm=dot_mm)
     # a gel moves 1 mm at most; a correlation shorter than the dots' pitch, or longer than the field, is not to be told
-    return {"gel_mm": float(np.exp(min(z[1], 0.0))), "correlation_mm": float(np.clip(np.exp(z[2]), low, high))}
+    correlation_mm = float(np.clip(np.exp(z[2]), *CORRELATIONS_MM))
+    return Errors(dot_mm=dot_mm, gel_mm=float(np.exp(min(z[1], 0.0))), correlation_mm=correlation_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

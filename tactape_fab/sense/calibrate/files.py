@@ -160,11 +160,8 @@ def _geometry(sensor: SensorProfile) -> dict[str, object]:
 
 def _gel(sensor: SensorProfile) -> dict[str, object]:
     gel = sensor.gel
-    table: dict[str, object] = {"displacement_um": gel.displacement_um, "correlation_mm": gel.correlation_mm}
-    for key in ("thickness_mm", "modulus_kpa", "blur_mm", "poisson"):
-        value = getattr(gel, key)
-        if value is not None:
-            table[key] = value
+    keys = ("displacement_um", "correlation_mm", "thickness_mm", "modulus_kpa", "blur_mm", "poisson")
+    table: dict[str, object] = {key: value for key in keys if (value := getattr(gel, key)) is not None}
     if gel.crown_mm is not None:
         table["crown_mm"] = _rounded(gel.crown_mm)
     return table

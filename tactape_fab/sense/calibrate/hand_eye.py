@@ -126,8 +126,7 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     z[: len(bundle.values)] = bundle.values
     z[OF_ALL : OF_ALL + bundle.poses.size] = bundle.poses.ravel()
     for _ in range(_ROUNDS):
-        solved = _Joint(bundle, presses, arm, np.array(which), origin, sigmas).solved(z)
-        z, left, freedom, covariance = solved
+        z, left, freedom, covariance = _Joint(bundle, presses, arm, np.array(which), origin, sigmas).solved(z)
         # what arm and gel err by is told by the residuals themselves, kind by kind; then the weights are solved with anew. The
         # mean of the variance's posterior, of what the unknowns leave of a kind: a t distribution's covariance
         sigmas = np.maximum(np.sqrt((left**2).sum(axis=0) / np.maximum(freedom - 2.0, 1.0)), LEAST_SIGMAS)

@@ -15,6 +15,7 @@ from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.pixels.patches import BLURS_MM, fitted, has_patch, pixel_fit, unknown_relief
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.tape import Tape
 
 WHOLE = 0.9
@@ -48,9 +49,7 @@ def find_relief(frames: Sequence[Frame], presses: Sequence[Press], bundle: Bundl
     for press, pose in list(zip(presses, bundle.poses, strict=True))[:MOST_PRESSES]:
         if unknown_relief(parts[press.tape]) is not None:
             continue
-        found = _of_press(
-            frames[press.frame], press, float(pose[2]), parts[press.tape].rotation_deg, bundle.sensor, parts[press.tape]
-        )
+        found = _of_press(frames[press.frame], press, float(pose[2]), bundle.sensor, parts[press.tape])
         if found is not None:
             rows.append(found)
     if not rows:
@@ -69,7 +68,7 @@ def find_relief(frames: Sequence[Frame], presses: Sequence[Press], bundle: Bundl
 
 
 def _of_press(
-    frame: Frame, press: Press, theta: float, rotation_deg: float, sensor: SensorProfile, part: object
+    frame: Frame, press: Press, theta: float, sensor: SensorProfile, part: TapePart
 ) -> tuple[float, float, float, float] | None:
     """Blur, height, squares left for each expected, and how many are expected."""
     fit = pixel_fit(sensor)
@@ -83,13 +82,13 @@ def _of_press(
     if whole.sum() < 4:
         return None
     at = at[whole]
-    turn = theta - radians(rotation_deg)
+    turn = theta - radians(part.rotation_deg)
     middle = at.mean(axis=0)
     # the camera about the middle of the dots as a matrix: mm on the gel for a pixel along u and along v
     ends = fit.from_px(middle + np.array([(1.0, 0.0), (0.0, 1.0)])) - fit.from_px(middle[None])
     # pixels to mm on the gel, turned into the part's own axes
     to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ ends.T
-    costs = [fitted(fit, image, at, to_body, part, blur) for blur in FINE]  # type: ignore[arg-type]
+    costs = [fitted(fit, image, at, to_body, part, blur) for blur in FINE]
     sums = np.array([float(np.median(found.left)) for found in costs])
     best = int(sums.argmin())
     blur = _least(FINE, sums, best)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any
 
@@ -86,13 +86,7 @@ class Calibration:
             "quantities": {
                 q.name: {"value": q.value, "sigma": _finite(q.sigma), "unit": q.unit, "note": q.note} for q in self.quantities
             },
-            "held_out": None
-            if self.held_out is None
-            else {
-                "inside_um": self.held_out.inside_um,
-                "outside_um": self.held_out.outside_um,
-                "folds": self.held_out.folds,
-            },
+            "held_out": None if self.held_out is None else asdict(self.held_out),
             "valid_share": 1.0 if self.valid is None else float(np.mean(self.valid)),
             "hand_eye": None if self.hand_eye is None else self.hand_eye.to_mapping(),
             "remarks": list(self.remarks),
