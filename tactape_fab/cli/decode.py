@@ -60,7 +60,7 @@ def decode(
         if dots and not as_json:
             raise SpecError(Problem("dots", "--dots is part of JSON answers, and --json is not given; give it as well"))
 
-        from tactape_fab.sense.files.jobs import Raw, is_kit, localize, make_locator, prepare
+        from tactape_fab.sense.files.jobs import Raw, is_kit, localize, prepare
         from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 
         if kits:  # --tape A B, as shells expand patterns
@@ -83,7 +83,7 @@ def decode(
             raise SpecError(problems)
         if thing is not None:
             refuse_ambiguous(thing, job.tapes)
-        _print_answers(localize(job, make_locator), job, thing, as_json=as_json, dots=dots, overlay=overlay)
+        _print_answers(localize(job), job, thing, as_json=as_json, dots=dots, overlay=overlay)
 
 
 def _print_answers(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import hypot
@@ -226,10 +226,9 @@ def at_scale(sensor: SensorProfile, px_per_mm: tuple[float, float]) -> SensorPro
     )
 
 
-def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_locator) -> Iterator[Located]:
+def localize(job: Job) -> Iterator[Located]:
     """Answers for all frames of a job's files, in order.
 
-    locator: As `make_locator`; called once for each scale that the files name.
     Raises SpecError, FrameError if a file ends early, or a frame is invalid.
     """
     # a locator is compiled and prepared for one profile; files of one scale share it
@@ -241,7 +240,7 @@ def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_lo
         ours = isinstance(file, Recording) and file.ours
         own = upright(own) if ours else own
         if (scale, ours) not in locators:
-            locators[scale, ours] = locator(job, own)
+            locators[scale, ours] = make_locator(job, own)
         for k, depth in enumerate(file.frames()):
             fix = by_scale_of_file(locators[scale, ours](depth, timestamp=file.time_of(k)), file.px_per_mm)
             yield Located(frame=frame, depth=depth, sensor=own, fix=fix)
