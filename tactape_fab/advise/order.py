@@ -95,13 +95,7 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
         way = less or "ask the house, or give another part or house"
         raise SpecError(Problem("order", f"order = '{house}': no tape is legal{' with what is given' if typed else ''}; {way}"))
     best = _best(legal, asked_mm)
-    decided = {
-        "fab": fab_name,
-        "pitch_mm": best.design.pitch_mm,
-        "displacement_mm": best.design.displacement_mm,
-        "coverlay": best.design.coverlay,
-        "anchor": best.design.anchor,
-    }
+    decided = {"fab": fab_name, **{key: getattr(best.design, key) for key in _TYPED}}
     number = fab.order.number
     if number is not None and number.part == part.name and values.get("assembly", fab.assembly) == fab.assembly:
         decided |= {"part_number": values.get("part_number", number.number)}

@@ -92,7 +92,9 @@ def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
     """A scan and its header; see `read_header`. Raises SpecError that names the file and says why it is no scan."""
     path = Path(path)
     try:
-        data = _bytes_of(path)
+        data = read_regular(path, _MOST_BYTES)
+        if len(data) > _MOST_BYTES:
+            raise SpecError(f"it is larger than {_MOST_BYTES} bytes; scan at fewer dpi, or in several overlapping images")
         header = read_header(data)
         return _unpacked(data, header), header
     except OSError as error:
@@ -103,13 +105,6 @@ def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
         raise SpecError(Problem("scan", f"{shown_path(path)!r} is no path of a file; {_REMEDY}")) from error
     except MemoryError:
         raise SpecError(Problem("scan", f"{shown_path(path)} does not fit into memory; scan at fewer dpi")) from None
-
-
-def _bytes_of(path: Path) -> bytes:
-    data = read_regular(path, _MOST_BYTES)
-    if len(data) > _MOST_BYTES:
-        raise SpecError(f"it is larger than {_MOST_BYTES} bytes; scan at fewer dpi, or in several overlapping images")
-    return data
 
 
 def _unpacked(data: bytes, header: ScanHeader) -> Picture:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -277,12 +277,4 @@ def _measured(kit: Path, tape: Tape, mount: Mount, corners: np.ndarray, table: F
         remedy = "give mm, from the upright tag's lower left corner, counter-clockwise"
         table.problem("tag_corners_mm", f"tag_corners_mm: {message}; {remedy}")
         return None
-    placed = Mount(
-        surface=mount.surface,
-        rotation=rotation,
-        position_mm=position,
-        top_mm=mount.top_mm,
-        true_mm=mount.true_mm,
-        around=mount.around,
-    )
-    return TapeOnObject(kit=kit, tape=tape, mount=placed, misfit_mm=misfit)
+    return TapeOnObject(kit=kit, tape=tape, mount=replace(mount, rotation=rotation, position_mm=position), misfit_mm=misfit)

@@ -87,11 +87,12 @@ def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[T
     assert best is not None
     default = default_origin(code.name, sector)
     fits = _fits(default, code, placed.shape)
+    nearest = closest_windows(_windows(code, sector, default, placed, _SIDE)).distance or 0 if fits else None
     return Choice(
         origin=chosen,
         candidates=looked_at,
         distance=best[0],
-        default_distance=_least(code, sector, default, placed) if fits else None,
+        default_distance=nearest,
         from_others=others,
     )
 
@@ -192,7 +193,3 @@ def _merit(code: Plane, sector: int, origin: Origin, placed: BoolArray, least: i
     # a 5x5 window holds a 4x4 one, and differs in at least as much
     further = closest_windows(_windows(code, sector, origin, placed, _NEXT_SIDE), nearest.distance or 0)
     return nearest.distance or 0, further.distance or 0, -nearest.pairs
-
-
-def _least(code: Plane, sector: int, origin: Origin, placed: BoolArray) -> int:
-    return closest_windows(_windows(code, sector, origin, placed, _SIDE)).distance or 0
