@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.calibrate.adjust import OF_ALL, OF_PRESS, Bundle, completed, pattern_of, problem_of, rows_of, start
 from tactape_fab.sense.calibrate.errors import whitening
-from tactape_fab.sense.calibrate.odd_pose import odd_pose
+from tactape_fab.sense.calibrate.odd_pose import odd_poses
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.sense.files.arm_poses import HAND_EYE_FORMAT, ArmPose
 from tactape_fab.texture.frames import FloatArray
@@ -172,15 +172,17 @@ def _agreeing(
             return which, arm, both, said
         left = partial(misfits, arm, poses, origin_mm)
         prior = np.array([*[1.0 / FAR_MM] * 3, 0.0, 0.0, 0.0] * 2)
-        odd = odd_pose(left, both, SIGMAS, LEAST_SIGMAS, prior)
-        if odd is None:
+        odd = odd_poses(left, both, SIGMAS, LEAST_SIGMAS, prior, most - len(said))
+        if not odd:
             return which, arm, both, said
-        said.append(
-            f"hand-eye: the pose of frame {presses[which[odd.index]].frame} is left out: by all others it is "
-            f"{odd.off_mm:.2g} mm and {np.degrees(odd.off_rad):.2g} deg off on the tape; did the arm still move, or is it the "
+        said += [
+            f"hand-eye: the pose of frame {presses[which[one.index]].frame} is left out: by all others it is "
+            f"{one.off_mm:.2g} mm and {np.degrees(one.off_rad):.2g} deg off on the tape; did the arm still move, or is it the "
             "row of another frame?"
-        )
-        which, arm = [k for k in which if k != which[odd.index]], np.delete(arm, odd.index, axis=0)
+            for one in odd
+        ]
+        gone = [one.index for one in odd]
+        which, arm = np.delete(which, gone).tolist(), np.delete(arm, gone, axis=0)
 
 
 class _Joint:
