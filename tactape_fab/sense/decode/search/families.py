@@ -89,6 +89,8 @@ def _unregistered(code: PlaneCode, sizes: list[tuple[int, int]], tapes: Sequence
     Only at the latter may dots hang over an edge: there another sector is a shift of ours, and a contact over its edge looks
     like one over ours. Elsewhere in the plane a tape's edge looks like chance, and counts where chance may matter
     (`_over_all_edges`).
+
+    A tape there of which a registered one shows a part is none of them: contacts on the registered one would never lead.
     """
     length = code.main.length
     largest = sizes.index((max(columns for columns, _ in sizes), max(rows for _, rows in sizes)))
@@ -100,8 +102,9 @@ def _unregistered(code: PlaneCode, sizes: list[tuple[int, int]], tapes: Sequence
     # where all sectors are registered at an origin, nobody else's tape can be there
     there = [found for found in common.values() if len(found) < code.sectors]
     size_of = [_least_size(sizes, found) for found in there]
-    order = sorted(range(len(there)), key=lambda k: (size_of[k], len(there[k])))
-    barred = [(site, *divmod(t.sector, length)) for site, k in enumerate(order, len(others)) for t in there[k]]
+    shown = _sectors_at([found[0].origin for found in there], [sizes[k] for k in size_of], tapes)
+    order = sorted(range(len(there)), key=lambda k: (size_of[k], len(shown[k])))
+    barred = [(site, *divmod(sector, length)) for site, k in enumerate(order, len(others)) for sector in shown[k]]
     return sites_of(
         code,
         sizes,
@@ -112,6 +115,17 @@ def _unregistered(code: PlaneCode, sizes: list[tuple[int, int]], tapes: Sequence
         overhang=False,
         beside_holes=not all(tape.placed.all() for tape in tapes),
     )
+
+
+def _sectors_at(origins: Sequence[tuple[int, int]], sizes: Sequence[tuple[int, int]], tapes: Sequence[Tape]) -> list[list[int]]:
+    """Sectors of the tapes that share places of the plane with each of some rectangles."""
+    every = np.array(sorted((*t.origin, t.columns, t.rows, t.sector) for t in tapes))
+    first, widest, found = every[:, 0], every[:, 2].max(), []
+    for (column, row), (columns, rows) in zip(origins, sizes, strict=True):
+        near = every[np.searchsorted(first, column - widest) : np.searchsorted(first, column + columns)]
+        shared = (near[:, 0] + near[:, 2] > column) & (near[:, 1] + near[:, 3] > row) & (near[:, 1] < row + rows)
+        found.append(np.unique(near[shared, 4]).tolist())
+    return found
 
 
 def _over_all_edges(sites: Sites) -> Sites:

@@ -49,7 +49,7 @@ class Sites(NamedTuple):
     differences (2,): The least and the greatest step that the code has.
     table (n, 3, 2): Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the
         plane modulo L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
-    barred (k, 3): Site, u and v of sectors that may not lie where all others may.
+    barred (k, 3): Site, ascending, u and v of sectors that may not lie where all others may.
     layout (n,): Which grid points of each site have no part, as one of the next two's entries; 0 where all have one.
     bare (k, rows, columns): The grid points without a part.
     holed (k, 2, m + 1): Of the first columns, and of the first rows, how many have such a point.

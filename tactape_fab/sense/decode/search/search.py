@@ -17,7 +17,7 @@ from tactape_fab.sense.decode.search.evidence import Tables, tables_of
 from tactape_fab.sense.decode.search.families import Family
 from tactape_fab.sense.decode.search.groups import Groups, Weights, count_places, groups_of
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT, Matrices, weigh_matrices
-from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, TAPES, Sites
+from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, SECTOR, TAPES, Sites
 from tactape_fab.sense.decode.search.single_place import NO_PART, evidence_at, places_near, shown_by
 from tactape_fab.sense.decode.search.tally import (
     BEST,
@@ -366,7 +366,9 @@ def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: F
     turn, _, _, _, u, v = tally.strongest_place.tolist()
     if turn >= 0 and tally.sums[STRONGEST] - cue[turn] > score:
         length = len(family.signs) // 3
-        score, name = float(tally.sums[STRONGEST] - cue[turn]), f"sector {u * length + v} of {family.code}"
+        ours = isinstance(family.registered, Sites) and (family.registered.table[:, SECTOR] == (u, v)).all(axis=1).any()
+        name = f"sector {u * length + v} of {family.code}{' at another origin' if ours else ''}"
+        score = float(tally.sums[STRONGEST] - cue[turn])
     return Rivals(weight=weight, lead=lead, score=score, name=name)
 
 

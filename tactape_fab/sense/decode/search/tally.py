@@ -334,6 +334,8 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
     at, group, of, terms = candidate.at, candidate.group, candidate.of, candidate.terms
     row, column = candidate.place[ORIGIN, 1] + group[Y], candidate.place[ORIGIN, 0] + group[X]
     length, x_most, y_most, y_shares, shares, left_out = buffers.lines.shape[2], NEVER, NEVER, 0.0, 0.0, NEVER
+    # they ascend by site; of thousands of tapes few are barred at one
+    barred = barred[np.searchsorted(barred[:, 0], at[1]) : np.searchsorted(barred[:, 0], at[1] + 1)]
     for i in range(group[COLUMNS]):
         x_most = max(x_most, buffers.most[0, i])
     for j in range(group[ROWS]):
@@ -360,13 +362,12 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
             u, v = (p_best - row - j) % length, (r_best - column - i) % length
             total, out, among = x_sum * y_sum, 0.0, False  # the sum over all pairs of phases is a product
             for k in range(len(barred)):
-                if barred[k, 0] == at[1]:
-                    p, r = (row + j + barred[k, 1]) % length, (column + i + barred[k, 2]) % length
-                    out += np.exp(float(buffers.lines[0, i, p]) + float(buffers.lines[1, j, r]) - most)
-                    among = among or (barred[k, 1] == u and barred[k, 2] == v)
+                p, r = (row + j + barred[k, 1]) % length, (column + i + barred[k, 2]) % length
+                out += np.exp(float(buffers.lines[0, i, p]) + float(buffers.lines[1, j, r]) - most)
+                among = among or (barred[k, 1] == u and barred[k, 2] == v)
             total -= out
             if among or out > total:  # the difference has lost its digits, or the best one is barred
-                most, total, u, v = _without(buffers, (i, j), row + j, column + i, barred, at[1])
+                most, total, u, v = _without(buffers, (i, j), row + j, column + i, barred)
             if total > 0.0:
                 count_at(tally, most, total, terms, (at[0], at[1], group[X] + i, group[Y] + j, u, v))
     if shares > 0.0:
@@ -387,9 +388,7 @@ def _sum_and_best(line: Floats, most: float) -> tuple[float, int]:
 
 
 @inlined_kernel()
-def _without(
-    buffers: Buffers, at: tuple[int, int], row: int, column: int, barred: IntArray, site: int
-) -> tuple[float, float, int, int]:
+def _without(buffers: Buffers, at: tuple[int, int], row: int, column: int, barred: IntArray) -> tuple[float, float, int, int]:
     """The best of the sectors that are not barred, the weight of all of them as a multiple of it, and which it is."""
     x, y, allowed = buffers.lines[0, at[0]], buffers.lines[1, at[1]], buffers.allowed
     length = len(x)
@@ -397,8 +396,7 @@ def _without(
         for r in range(length):
             allowed[p, r] = True
     for k in range(len(barred)):
-        if barred[k, 0] == site:
-            allowed[(row + barred[k, 1]) % length, (column + barred[k, 2]) % length] = False
+        allowed[(row + barred[k, 1]) % length, (column + barred[k, 2]) % length] = False
     most, total = NEVER, 0.0
     u = v = 0
     for p in range(length):
