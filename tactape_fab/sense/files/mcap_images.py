@@ -68,7 +68,8 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
         there = some_of(topics)
         said = f"--topic {shown(topic)} is no topic of images in it" if topic else "of which topic its images are has to be said"
         raise SpecError(f"{said}; give --topic NAME, one of: {there}")
-    return topic, ours or topics[topic], partial(_images, files, topic, colour)
+    ours = ours or topics[topic]
+    return topic, ours, partial(_images, files, topic, colour, ours)
 
 
 def _files_of(path: Path) -> list[Path]:
@@ -104,13 +105,14 @@ def _files_of(path: Path) -> list[Path]:
     return [there[name] for name in listed]
 
 
-def _images(files: Sequence[Path], topic: str, colour: bool) -> Iterator[Stamped]:
-    """Capture times and images of a topic, in the order of the files."""
+def _images(files: Sequence[Path], topic: str, colour: bool, ours: bool) -> Iterator[Stamped]:
+    """Capture times and images of a topic, in the order of the files; a time of 0 is one that nobody set, but in our own."""
     for file in files:
         for kind, record in _records(file):
             if kind == IMAGE_TYPE and record[0] == topic:
                 image = image_of(record[1])
-                yield image.stamp_ns / 10**9, colour_of(image) if colour else depth_of(image)
+                stamp = image.stamp_ns / 10**9 if image.stamp_ns or ours else None
+                yield stamp, colour_of(image) if colour else depth_of(image)
 
 
 def _records(file: Path) -> Iterator[tuple[str, Any]]:

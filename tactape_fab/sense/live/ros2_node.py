@@ -167,7 +167,8 @@ class _Served:
         with suppress(Empty):  # nobody takes them while the locator compiles, and a minute of images fills a robot's memory
             self._queue.get_nowait()
             self._dropped += 1
-        self._queue.put(Frame(number=number, image=depth, timestamp=stamp / _NS))
+        # 0 is a stamp that nobody set
+        self._queue.put(Frame(number=number, image=depth, timestamp=stamp / _NS if stamp else None))
 
     def _frames(self, stop: Event) -> Iterator[Frame]:
         while not stop.is_set():

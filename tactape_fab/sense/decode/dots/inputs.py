@@ -26,6 +26,9 @@ _SMALL = 1e-30
 _LEAST_SPAN = 1e-5
 """Depths that span a smaller share of their own size are moved: of steps in single precision, 6e-8 of that, the span has 170."""
 
+_LEAST_MM = 0.005
+"""Depths that span less, as metres read as millimetres do, are in another unit: no gel shows a part by so little."""
+
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
     """The image of `canonical_depths`."""
@@ -33,7 +36,7 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
 
 
 def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.NDArray[np.float32], bool]:
-    """A frame as the canonical image, and whether its depths are as they came, not scaled.
+    """A frame as the canonical image, and whether its depths are as they came, not scaled, and may be in the profile's unit.
 
     NaN, infinite, masked and hidden values become what is beside them; hidden are those that the sensor's mask leaves out.
 
@@ -72,6 +75,7 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
     if not whole or sensor.mask is not None:
         image = _holes(image, whole, sensor).filled(image)
         low, high = span(image)
+    as_came = as_came and not high - low < _LEAST_MM / (sensor.depth_unit_mm or 1.0)
     # only relative heights matter: extreme ones are scaled to 0 ... 1, well within single precision
     if high == low:
         image = np.zeros_like(image)

@@ -72,6 +72,14 @@ def test_images_of_an_mcap_file_are_frames(compression: CompressionType, encodin
         np.testing.assert_array_equal(frame, (1000 * ramp(k)).astype(kind))
 
 
+def test_a_stamp_that_nobody_set_is_no_time(tmp_path: Path) -> None:
+    """A header of ROS begins as 0, which is 1970; our own log may begin at 0."""
+    message = {**image_message(ramp(0), "32FC1"), "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}}
+    for writer, time_s in (("other", None), ("tactape-fab 0.1.0", 0.0)):
+        path = mcap(tmp_path / f"{writer}.mcap", {"/gel": [IMAGE.encode(message)]}, library=writer)
+        assert open_recording(path, SENSOR).time_of(0) == time_s
+
+
 @pytest.mark.parametrize("sensor", ["digit", "gelsight-mini"])
 def test_our_own_log_is_decoded_as_its_frames_are(sensor: str, default_kit: Kit, tmp_path: Path) -> None:
     """DIGIT's frames are turned; the log's are upright and in metres."""

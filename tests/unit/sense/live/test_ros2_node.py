@@ -281,14 +281,17 @@ def test_a_located_image_is_published_three_ways(default_kit: Kit, monkeypatch: 
     assert store.serialize_cdr(transform, "geometry_msgs/msg/TransformStamped")
 
 
-def test_what_is_not_located_has_an_answer_and_no_pose(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_located_has_an_answer_and_no_pose_and_a_stamp_that_nobody_set_is_no_time(
+    default_kit: Kit, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def spin(node: Node) -> None:
-        node.callback(depth_message(STORES["humble"], np.zeros((240, 320), dtype=np.float32)))
+        node.callback(depth_message(STORES["humble"], np.zeros((240, 320), dtype=np.float32), 0))
         node.wait("~/fix", 1)
         raise ExternalShutdownException
 
     _, node = run(monkeypatch, spin, kits=[str(default_kit.path)])
     assert [topic for topic, _ in node.published] == ["~/fix"] and node.warnings == []
+    assert json.loads(node.of("~/fix")[0].data)["timestamp"] is None
 
 
 def test_images_that_come_too_fast_or_too_late_are_dropped_and_counted(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -224,7 +224,8 @@ def test_a_frame_that_counts_from_elsewhere_or_in_another_unit_says_no_depth(cha
 
 
 @pytest.mark.parametrize(
-    "change", [lambda d: ((d - d.min()) * 5e4).astype(np.uint16), lambda d: d + np.linspace(0, 40, d.shape[1])]
+    "change",
+    [lambda d: ((d - d.min()) * 5e4).astype(np.uint16), lambda d: d + np.linspace(0, 40, d.shape[1]), lambda d: d / 1000.0],
 )
 def test_a_frame_in_another_unit_says_no_tilt(change: Callable[[Any], Any]) -> None:
     frame = frame_of(2.0)
