@@ -132,7 +132,7 @@ class Localization:
         located, by `locate_dots`, with method "paper", and where the sensor's profile has no `depth.unit_mm`.
     places : {"nominal", "as-built"} or None
         What the answer rests on: the places of parts by the design, or those measured on this tape. Of a tape that was measured
-        it is the one that the dots fit better. None without a tape.
+        the measured ones, unless the dots fit the design a thousand times better. None without a tape.
     elapsed_ms : float
         Computing time, ms.
     timestamp : float or None
