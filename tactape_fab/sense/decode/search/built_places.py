@@ -152,10 +152,13 @@ def as_built(
     nominal = place.score + place.weight + share
     likely = np.array([-inf]) if evidence is None else evidence.score + evidence.credit + found.weight
     at = int(likely.argmax())
-    # both say that it is this place; only where its parts stand is in question, and how far they are off together no dot says
-    doubt = LN_DOUBT if _is(place, found)[at] else 0.0
-    if evidence is None or likely[at] + LN_SHARE + doubt <= nominal:
-        return _by_design(replace(place, score=place.score + share), share, found, evidence), q
+    if evidence is None or likely[at] + LN_SHARE <= nominal:
+        best = _by_design(replace(place, score=place.score + share), share, found, evidence)
+        # both say that it is this place; only where its parts stand is in question, and how far they are off together no dot says
+        of = built[place.tape]
+        if evidence is None or of is None or not _is(place, found)[at] or likely[at] + LN_SHARE + LN_DOUBT <= nominal:
+            return best, q
+        return replace(best, as_built=True, shown=of.shown), evidence.q[at]
     best, symbols = _best(place, found, evidence)
     of = built[best.tape]
     return best if of is None else replace(best, shown=of.shown), symbols
