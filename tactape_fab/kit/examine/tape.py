@@ -38,12 +38,14 @@ from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify.certificate import Certificate, certify, pair_words
 from tactape_fab.texture.certify.origin import Choice, choose_origin, choose_sector
 from tactape_fab.texture.certify.pairs import Conflict
-from tactape_fab.texture.code import DEFAULT_CODE, get_code, get_plane, has_plane
+from tactape_fab.texture.code import DEFAULT_CODE, default_origin, get_code, get_plane, has_plane
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.tape import Tape, refuse_no_tapes
 
 T = TypeVar("T")
 
+_GRID = (62, 32)
+"""Columns and rows of the default tape, and the fewest that decode takes tapes of other sectors to have."""
 _SECTORS_BESIDE = 4
 """Most other sectors that are tried beside tapes to avoid: a search for the origin each."""
 
@@ -175,7 +177,7 @@ def examine(
         tape=tape,
         film=film,
         profiles=profiles,
-        findings=(*findings, *_window_findings(certificate)),
+        findings=(*findings, *_window_findings(certificate), *_origin_findings(tape)),
         certificate=certificate,
         search=search,
         avoided=tuple(t.name for t in avoid),
@@ -372,6 +374,20 @@ def _corner_findings(tape: Tape, form: SolidForm | None) -> list[Finding]:
         return []
     message = f"the film's corners have a radius of {radius_mm:g} mm, those of the wrapped models are square"
     return [Finding(rule="model-corner", level="info", passed=False, value=0.0, limit=radius_mm, message=message)]
+
+
+def _origin_findings(tape: Tape) -> list[Finding]:
+    """Warning if a tape of the sector at its default origin, which others may have, shows a part of this one."""
+    u, v = default_origin(tape.code, tape.sector)
+    column, row = tape.origin[0] - u, tape.origin[1] - v
+    shared = -tape.columns < column < max(_GRID[0], tape.columns) and -tape.rows < row < max(_GRID[1], tape.rows)
+    if column == row == 0 or not shared or get_code(tape.code).sequences is None:
+        return []
+    message = (
+        f"origin = {list(tape.origin)} shows a part of what the default tape of sector {tape.sector} shows, at {[u, v]}: no "
+        "touch there tells which it is, and decode refuses it but with --world closed; leave out --origin, or use --origin best"
+    )
+    return [Finding(rule="origin", level="warn", passed=False, unit="", message=message)]
 
 
 def _window_findings(certificate: Certificate) -> list[Finding]:

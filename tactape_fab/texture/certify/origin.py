@@ -126,8 +126,8 @@ def _fits(origin: Origin, code: Plane, shape: tuple[int, ...]) -> bool:
 def _origins(code: Plane, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
     """Origins in the order of trial: the default one, then spread over the plane.
 
-    Default places of other sectors' tapes of that size are left out as far as possible: sectors at one place are nearly
-    shifts of each other.
+    Default places of tapes of that size are left out as far as possible: sectors at one place are nearly shifts of each other,
+    and what a tape shows of its sector's default tape no touch tells from that.
     """
     default = default_origin(code.name, sector)
     # each sector has its own piece of the sequence, so that two tapes do not try the same origins
@@ -135,7 +135,7 @@ def _origins(code: Plane, sector: int, shape: tuple[int, ...], count: int) -> li
     room = np.array([code.range - shape[1] + 1, code.range - shape[0] + 1])
     # a fraction of the room left by the tape, so that it always fits
     spread = np.floor(np.outer(number, _STEP_XY) % 1.0 * room).astype(np.int64)
-    sectors = np.array([default_origin(code.name, s) for s in range(code.sectors) if s != sector])
+    sectors = np.array([default_origin(code.name, s) for s in range(code.sectors)])
     # two rectangles of one size are apart if their corners are a side apart along either axis
     apart = (np.abs(spread[:, None] - sectors) >= (shape[1], shape[0])).any(axis=2).all(axis=1)
     origins = [(int(c), int(r)) for c, r in (spread[apart] if apart.any() else spread)]

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactape_fab import TapeSpec
 from tactape_fab.advise.designs import rules_of, usual_design
 from tactape_fab.base.errors import CapacityError, Problem, ReachProblem, SpecError, refusal
 from tactape_fab.cli import main
@@ -227,3 +228,13 @@ def test_a_tape_that_is_refused_is_not_designed(monkeypatch: pytest.MonkeyPatch,
         assert [(f.rule, f.value) for f in caught.value.findings] == [(f.rule, f.value) for f in same if f.blocks] != []
     with pytest.raises(AssertionError, match="designed"):
         examine(values)
+
+
+@pytest.mark.parametrize(
+    ("origin", "said"), [((84, 1428), 0), ((145, 1459), 1), ((57, 1411), 1), ((146, 1428), 0), ((84, 1410), 0)]
+)
+def test_a_tape_that_shows_a_part_of_its_sector_s_default_tape_is_told(origin: tuple[int, int], said: int) -> None:
+    """Of 28 x 18 grid points; decode refuses contacts on such a part."""
+    spec = TapeSpec(sector=7, origin=origin, size_mm=(50.0, 30.0), models=False)
+    found = [f for f in examine(spec).findings if f.rule == "origin"]
+    assert len(found) == said and all("--origin best" in f.message for f in found)
