@@ -98,7 +98,7 @@ def _union(first: Tape, other: Tape) -> Tape:
     if not _measured_alike(first.as_built, other.as_built):
         message = (
             f"{first.name} and {other.name} have one texture, so a touch cannot tell which of them was measured; "
-            "give only the one that is touched, or read both with as_built='none'"
+            "give only the one that is touched (of a packed registry, pack the others alone), or read both with as_built='none'"
         )
         raise SpecError(Problem("as-built", message))
     columns, rows = max(first.columns, other.columns), max(first.rows, other.rows)
