@@ -334,8 +334,6 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
     at, group, of, terms = candidate.at, candidate.group, candidate.of, candidate.terms
     row, column = candidate.place[ORIGIN, 1] + group[Y], candidate.place[ORIGIN, 0] + group[X]
     length, x_most, y_most, y_shares, shares, left_out = buffers.lines.shape[2], NEVER, NEVER, 0.0, 0.0, NEVER
-    # they ascend by site; of thousands of tapes few are barred at one
-    barred = barred[np.searchsorted(barred[:, 0], at[1]) : np.searchsorted(barred[:, 0], at[1] + 1)]
     for i in range(group[COLUMNS]):
         x_most = max(x_most, buffers.most[0, i])
     for j in range(group[ROWS]):
@@ -361,13 +359,15 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
             # x phase = row + u and y phase = column + v, modulo L: a pair of phases names the sector
             u, v = (p_best - row - j) % length, (r_best - column - i) % length
             total, out, among = x_sum * y_sum, 0.0, False  # the sum over all pairs of phases is a product
-            for k in range(len(barred)):
-                p, r = (row + j + barred[k, 1]) % length, (column + i + barred[k, 2]) % length
+            # they ascend by site; of thousands of tapes few are barred at one
+            own = barred[np.searchsorted(barred[:, 0], at[1]) : np.searchsorted(barred[:, 0], at[1] + 1)]
+            for k in range(len(own)):
+                p, r = (row + j + own[k, 1]) % length, (column + i + own[k, 2]) % length
                 out += np.exp(float(buffers.lines[0, i, p]) + float(buffers.lines[1, j, r]) - most)
-                among = among or (barred[k, 1] == u and barred[k, 2] == v)
+                among = among or (own[k, 1] == u and own[k, 2] == v)
             total -= out
             if among or out > total:  # the difference has lost its digits, or the best one is barred
-                most, total, u, v = _without(buffers, (i, j), row + j, column + i, barred)
+                most, total, u, v = _without(buffers, (i, j), row + j, column + i, own)
             if total > 0.0:
                 count_at(tally, most, total, terms, (at[0], at[1], group[X] + i, group[Y] + j, u, v))
     if shares > 0.0:
