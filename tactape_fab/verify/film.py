@@ -17,6 +17,7 @@ from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_
 from tactape_fab.kit.read.readback import read_drill
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import board_outline
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, check_signature
 from tactape_fab.verify.layers.board import check_components, check_drill, check_edges, check_legend_clear, check_part_data
@@ -137,20 +138,20 @@ def check_tape(
     tape: Tape,
     record: FilmManifest,
     files: Mapping[str, WrittenFile],
-    outline_mm: FloatArray | None,
     *,
     with_pupil: bool,
 ) -> list[Check]:
     """Check holes, backings, lands, anchors, symbols and tag of one tape, all in its board frame.
 
-    ``pairs`` are `pair_all_lands` of these layers, ``outline_mm`` is the area that a backing must cover, None if unknown.
+    ``pairs`` are `pair_all_lands` of these layers.
     """
     checks: list[Check] = []
     gerbers, cpl, anchor = layers.gerbers, layers.cpl, record.film.anchor
     if layers.holes is not None:
         checks.append(check_drill(layers.holes, tape))
     for role, backing in record.film.backings.items():
-        if role in gerbers and (outline_mm is not None or "profile" in gerbers):
+        if role in gerbers:
+            outline_mm = board_outline(tape.board.size_mm, tape.board.corner_radius_mm)
             checks.append(check_backing(role, gerbers[role], files[role].path, backing, outline_mm))
     if cpl is not None:
         checks += _check_with_cpl(gerbers, pairs, record, tape, cpl, files)

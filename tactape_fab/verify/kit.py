@@ -230,13 +230,10 @@ def _check_film(
     checks: list[Check] = []
     layers = read_layers(files, cpl, film.film, checks)
     checks += [check_attributes(layers.gerbers, files, film), check_form(files, layers.gerbers)]
-    outline_mm = None
     if "profile" in layers.gerbers:
-        profile = layers.gerbers["profile"]
-        outline_mm = profile.strokes_mm[0] if profile.strokes_mm else None
-        checks.append(check_outline(profile, tape))
+        checks.append(check_outline(layers.gerbers["profile"], tape))
     pairs = pair_all_lands(layers, film.lands, tape)
-    checks += check_tape(layers, pairs, tape, film, files, outline_mm, with_pupil=not quick)
+    checks += check_tape(layers, pairs, tape, film, files, with_pupil=not quick)
     if cpl is not None:
         sources.append(cpl_source(cpl))
     if "copper-top" in pairs:

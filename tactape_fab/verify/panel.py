@@ -22,7 +22,6 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import MOST_MANIFEST_BYTES, read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
-from tactape_fab.texture.shapes import board_outline
 from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.files import (
@@ -330,10 +329,9 @@ def _check_tape(on: _OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFil
         own = replace(own, gerbers={role: content for role, content in own.gerbers.items() if role != "legend-top"})
     rows = [] if own.cpl is None else check_cpl(own.cpl, tape, film.assembly, film.lands.pads)
     pairs = pair_all_lands(own, film.lands, tape)
-    outline_mm = board_outline(tape.board.size_mm, tape.board.corner_radius_mm)
     listed = files["components-top"]
     own_files = {**files, "components-top": replace(listed, data=part_data_of_tape(listed.data, on))}
-    return [*rows, *blank, *check_tape(own, pairs, tape, film, own_files, outline_mm, with_pupil=not quick)]
+    return [*rows, *blank, *check_tape(own, pairs, tape, film, own_files, with_pupil=not quick)]
 
 
 def _holes_of_tape(holes: FloatArray, on: OnPanel) -> FloatArray:

@@ -197,7 +197,7 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
         checks: list[Check] = []
         found = read_layers(files, cpl, film.film, checks)
         pairs = pair_all_lands(found, film.lands, tape)
-        checks += check_tape(found, pairs, tape, film, files, None, with_pupil=False)
+        checks += check_tape(found, pairs, tape, film, files, with_pupil=False)
         return checks, check_form(files, found.gerbers), check_attributes(found.gerbers, files, film)
 
     def places(files: Files) -> object:

@@ -133,6 +133,7 @@ CASES = [
     ),
     case("spur", "a pad moved", flashes("copper-top", moved(0.01, 0.0), 8), "copper-top places"),
     case("spur", "stiffener moved", points("stiffener-bottom", moved(0.1, 0.0)), "stiffener-bottom", says="leaves the outline"),
+    case("spur", "an outline begun anew", replaced("profile", "J1000000D01*", "J1000000D02*"), "profile", says="contours"),
     case("spur", "adhesive smaller", points("adhesive-bottom", lambda p: (p[0], p[1] * 0.9)), "adhesive-bottom"),
     case(
         "spur",

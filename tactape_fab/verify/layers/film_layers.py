@@ -208,12 +208,12 @@ def file_function(role: str, backing: str) -> str:
     return f"Other,{role.split('-', maxsplit=1)[0].capitalize()}_Bottom_{material_words(backing)}"
 
 
-def check_backing(role: str, content: GerberContent, path: str, backing: str, outline_mm: FloatArray | None) -> Check:
+def check_backing(role: str, content: GerberContent, path: str, backing: str, outline_mm: FloatArray) -> Check:
     """Check that a backing is one area as large as the outline, in a file whose name gives material and thickness."""
     problems = []
     if len(content.areas_mm) != 1 or len(content.flash_xy_mm) or len(content.strokes_mm) or content.clear:
         problems.append("other objects than one area")
-    elif outline_mm is not None:
+    else:
         area, outline = shapely.Polygon(content.areas_mm[0]), shapely.Polygon(outline_mm)
         error_mm = outlines_apart_mm(area, outline)
         if not area.is_valid:

@@ -264,7 +264,6 @@ def made(
     said: Any = None,
     cpl: Any = CPL,
     holes: bool = True,
-    outline: bool = True,
     with_pupil: bool = True,
 ) -> tuple[list[str], dict[str, list[tuple[tuple[Any, ...], dict[str, Any]]]]]:
     """Names of the lines of a tape, and what each check was told."""
@@ -285,9 +284,8 @@ def made(
     gerbers = {role: layer for role, layer in layers_of().items() if role not in without}
     layers: Any = FilmLayers(gerbers=gerbers, holes=np.zeros((1, 3)) if holes else None, cpl=cpl)
     pairs: Any = {r: SimpleNamespace(centre_mm=r) for r in ("copper-top", "paste-top") if r in gerbers}
-    outline_mm = np.zeros((4, 2)) if outline else None
     some = record() if said is None else said
-    checks = check_tape(layers, pairs, TAPE, some, files_of(), outline_mm, with_pupil=with_pupil)
+    checks = check_tape(layers, pairs, TAPE, some, files_of(), with_pupil=with_pupil)
     return [check.name for check in checks], told
 
 
@@ -332,12 +330,6 @@ def test_a_layer_that_is_not_there_takes_only_its_own_lines_away(
 ) -> None:
     whole, some = (made(monkeypatch, without=layers)[0] for layers in ((), (without,)))
     assert some == [name for name in whole if name not in lacking] and len(some) == len(whole) - len(lacking)
-
-
-def test_a_backing_needs_an_outline_or_a_profile_to_be_compared_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    for outline, without, compared in ((False, (), True), (True, ("profile",), True), (False, ("profile",), False)):
-        names, _ = made(monkeypatch, outline=outline, without=without)
-        assert ("backing stiffener-bottom" in names) is compared
 
 
 def test_one_window_is_looked_at_in_place_of_openings(monkeypatch: pytest.MonkeyPatch) -> None:
