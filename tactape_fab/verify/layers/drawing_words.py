@@ -8,14 +8,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tactape_fab.base.fields import shown as quoted
+from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.verify.layers.kicad import Shown
 from tactape_fab.verify.layers.kicad_drawn import Made
+from tactape_fab.verify.layers.lands import opening_size_mm
 
 _F = r"[-+.\de]{1,12}"
 """A figure that the manifest does not have."""
 _HOLE = re.compile(rf"\? ({_F}) x ({_F}) y ({_F})")
+_FIELD = re.compile(rf" ({_F}) field ({_F}) A ")
 _MOST_HOLES = 8
 _HOLE_MM = 6e-4
 """Half of the third decimal, and a float's error."""
@@ -39,12 +42,17 @@ def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
     said = np.array(_HOLE.findall(words), dtype=np.float64).reshape(-1, 3)[:, [1, 2, 0]]
     holes = np.array(expected.holes, dtype=np.float64).reshape(-1, 3)
     wrong = len(said) != min(len(holes), _MOST_HOLES) or any(np.abs(holes - row).max(axis=1).min() > _HOLE_MM for row in said)
+    reach_x_mm, (x_mm, _) = reach_mm(made.tape.part)[0], expected.parts_xy_mm.T
+    for left, length in _FIELD.findall(words):
+        if float(left) > x_mm.min() - reach_x_mm or float(left) + float(length) < x_mm.max() + reach_x_mm:
+            return [f"its field of {length} mm from {left} mm does not hold all parts"]
     return [*(["it says more than it should"] if words[at:] != " " else []), *(["its holes are not the kit's"] if wrong else [])]
 
 
 def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     """Patterns of the words, each fixed but for figures that no record has; a blank is between any two."""
     tape, pads, count = made.tape, made.record.lands.pads, len(expected.parts_xy_mm)
+    opening = " x ".join(f"{side:g}" for side in opening_size_mm(made.record.lands))
     order, radius_mm = made.record.order, made.radius_mm
     length, width, height = (f"{side:g}" for side in tape.part.body_mm)
     # drawings before the first released ones called a solder mask coverlay, too
@@ -61,12 +69,12 @@ def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     yield rf"Circle: land 1. Each part stands {tape.displacement_mm:.4g} {ways} of its grid point: do not align them\."
     first_deg = float(expected.rotation_deg[0])
     yield rf"B: one part {f'{first_deg:g}[?] ' * (first_deg > 0)}1 {length}"
-    yield rf"Body {length} x {width} x {height}; (?:one window in the {mask} for all parts|{mask} opening {_F} x {_F});"
+    yield rf"Body {length} x {width} x {height}; (?:one window in the {mask} for all parts|{mask} opening {opening});"
     yield rf"lands {pads.size_mm[0]:g} x {pads.size_mm[1]:g}, centres at \?{pads.offset_mm:g} from the part's\."
     angles = sorted(set(expected.rotation_deg.tolist()))
     turned = " or ".join(f"{angle:g}[?]" for angle in angles)
     yield f"{'All parts' if len(angles) == 1 else 'Parts, tape by tape,'} turned {turned} counter-clockwise."
-    yield from _layers(count, mask, height, made)
+    yield from _layers(count, mask, opening, height, made)
     if expected.holes:
         more = len(expected.holes) - _MOST_HOLES
         listed = "".join(rf" \? {_F} x {_F} y {_F}" for _ in expected.holes[:_MOST_HOLES])
@@ -81,9 +89,10 @@ def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     yield r"Date, tool \d{4}-\d\d-\d\d, tactape-fab [^ ;]{1,40}; sheet 1 of 1, A4"
 
 
-def _layers(count: int, mask: str, height: str, made: Made) -> Iterator[str]:
+def _layers(count: int, mask: str, opening: str, height: str, made: Made) -> Iterator[str]:
     """Patterns of the table of layers and of the words beside the section."""
-    order, backings = made.record.order, made.record.film.backings
+    order, backings, legend_mm = made.record.order, made.record.film.backings, made.record.legend
+    line = _F if legend_mm is None else f"{legend_mm.line_mm:g}"
 
     def text(value: str | None) -> str:
         return "[^;]{1,200}" if value is None else re.escape(in_ascii(value))
@@ -101,8 +110,8 @@ def _layers(count: int, mask: str, height: str, made: Made) -> Iterator[str]:
             f"{order.thickness_mm:g}",
         )
     )
-    yield rf"legend (?:none|{text(legend)}, lines of {_F} or more)"
-    openings = f"{count} openings of {_F} x {_F}, never merged|one opening for all parts|"
+    yield rf"legend (?:none|{text(legend)}, lines of {line} or more)"
+    openings = f"{count} openings of {opening}, never merged|one opening for all parts|"
     openings += "opened for all parts of a tape, or for each part: as drawn" * made.on_panel
     yield rf"{mask} {text(colour)}; (?:{openings.strip('|')})"
     yield rf"copper {text(copper)} \?m, one layer, {text(finish)}; least spacing {_F}"

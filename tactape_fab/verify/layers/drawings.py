@@ -31,6 +31,10 @@ _MOST_TEXT = 8 << 20
 _TAG = re.compile(r" {0,2}(\d{1,4})\n([^\n]*)\n")
 _HEADER = ["0 SECTION", "2 HEADER", "9 $ACADVER", "1 AC1009", "9 $INSUNITS", "70 4", "0 ENDSEC", "0 SECTION", "2 TABLES"]
 """Release 12 in millimetres."""
+_LAYERS = re.compile(
+    r"0 TABLE\n2 LAYER\n70 \d\n(?:0 LAYER\n2 [A-Z]+\n70 0\n62 [1-9]\n6 CONTINUOUS\n){1,9}0 ENDTAB\n0 ENDSEC\n0 SECTION"
+)
+"""Layers that are seen: flags (70) freeze a layer, a negative colour (62) switches it off."""
 Drawn = dict[str, list[FloatArray]]
 """Vertices by layer; of a circle x, y and diameter."""
 
@@ -104,10 +108,9 @@ def _read_dxf(data: bytes) -> Drawn:
         raise ValueError("it is not written as this tool writes it, or it was cut off")
     said = [f"{code} {value}" for code, value in tags]
     start = said.index("2 ENTITIES")
-    # entries of the table of layers alone: blocks and styles could draw too, or name a file
-    tables = said[len(_HEADER) : start]
-    if said[: len(_HEADER)] != _HEADER or {row for row in tables if row[:2] == "0 "} - {"0 TABLE", "0 LAYER", *_ENDS}:
-        raise ValueError("it has another unit or release, or holds more than layers before what it draws")
+    # the table of layers alone: blocks and styles could draw too, or name a file
+    if said[: len(_HEADER)] != _HEADER or not _LAYERS.fullmatch("\n".join(said[len(_HEADER) : start])):
+        raise ValueError("it has another unit or release, a layer that is off or frozen, or holds more before what it draws")
     drawn: Drawn = {}
     at, end = start + 1, len(tags) - 2
     while at < end:
@@ -137,7 +140,6 @@ def _read_dxf(data: bytes) -> Drawn:
     return drawn
 
 
-_ENDS = ("0 ENDTAB", "0 ENDSEC", "0 SECTION")
 _FAR_MM = 10_000.0
 
 

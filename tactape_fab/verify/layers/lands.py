@@ -339,6 +339,10 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
 
 def opening_outline(recorded: Recorded, tape: Tape) -> FloatArray:
     """Corners of a part's opening about its centre: the box round both pads plus the expansion, mm; shape (4, 2)."""
+    return placed_outline(opening_size_mm(recorded), 0.0, tape.part.rotation_deg)
+
+
+def opening_size_mm(recorded: Recorded) -> tuple[float, float]:
+    """Length and width of a part's opening."""
     pads, wider_mm = recorded.pads, 2 * recorded.expansion_mm
-    size_mm = (2 * pads.offset_mm + pads.size_mm[0] + wider_mm, pads.size_mm[1] + wider_mm)
-    return placed_outline(size_mm, 0.0, tape.part.rotation_deg)
+    return 2 * pads.offset_mm + pads.size_mm[0] + wider_mm, pads.size_mm[1] + wider_mm

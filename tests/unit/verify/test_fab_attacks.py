@@ -387,6 +387,8 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
         swap("fab-dxf", "  0\nSECTION\n  2\nENT", "  0\nSECTION\n  2\nBLOCKS\n  0\nBLOCK\n  0\nENDSEC\n  0\nSECTION\n  2\nENT"),
         "fab-dxf",
     ),
+    "dxf: a frozen layer": (swap("fab-dxf", "OUTLINE\n 70\n0\n", "OUTLINE\n 70\n1\n"), "fab-dxf"),
+    "dxf: a layer switched off": (swap("fab-dxf", " 62\n7\n", " 62\n-7\n"), "fab-dxf"),
     "dxf: a number on the tag": (text_of("fab-dxf", dxf_number), "fab-dxf"),
     "dxf: tag's corners in another order": (
         text_of(
@@ -440,6 +442,10 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
             ("body", b"0.6 x 0.3 x 0.23", b"1.0 x 0.5 x 0.35"),
             ("lands", b"lands 0.46", b"lands 0.56"),
             ("openings", b"never merged", b"may be merged"),
+            ("size of openings", b"openings of 1.2 x 0.5", b"openings of 1.3 x 0.5"),
+            ("an opening", b"opening 1.2 x 0.5", b"opening 1.2 x 0.6"),
+            ("lines of ink", b"lines of 0.15", b"lines of 0.05"),
+            ("length of the field", b"(field 1", b"(field "),
             ("unit", b"all dimensions in mm", b"all dimensions in mil"),
             ("which file rules", b"Gerber and drill files rule; this", b"drawing rules; this"),
             ("sector", b"sector 100", b"sector 101"),
