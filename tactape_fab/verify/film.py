@@ -77,6 +77,7 @@ def read_film_manifest(table: Fields) -> FilmManifest:
         limits_mm=fab.table("limits_mm").values,
         paths={r: profile.file_path(r, str(table.values.get("name")), material.get(r, "")) for r in GERBER_ROLES},
         names_known=known is not None,
+        stencil_mm=None if known is None else known.stencil.thickness_mm,
     )
 
 

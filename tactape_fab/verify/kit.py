@@ -158,7 +158,7 @@ def _check_kit(
     if film is not None:
         yield from () if cpl is None else check_cpl(cpl, tape, film.assembly, film.lands.pads)
         yield check_bom(files["bom"].data, tape.designators(), film.assembly)
-        yield check_order_notes(files, tape, order=film.order, assembly=film.assembly, backings=film.film.backings)
+        yield check_order_notes(files, tape, film=film)
         yield from pardoned(_check_film(tape, film, files, cpl, sources, quick=asked.quick), film.film)
     yield check_certificate(files[CERTIFICATE], tape)
     xy_mm, part = tape.part_xy_mm(), tape.part

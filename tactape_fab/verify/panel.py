@@ -240,9 +240,9 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     if cpl is not None:
         checks.append(_check_rows(cpl, names))
     checks.append(check_bom(files["bom"].data, names, film.assembly))
-    ordered = Ordered(name=record.name, size_mm=panel.size_mm, part_count=count, on_panel=True)
-    backings, shown = film.film.backings, _shown(record, tapes)
-    checks.append(check_order_notes(files, tapes[0].tape, ordered, order=film.order, assembly=film.assembly, backings=backings))
+    shown = _shown(record, tapes)
+    ordered = Ordered(name=record.name, shown=shown, panel=panel)
+    checks.append(check_order_notes(files, tapes[0].tape, ordered, film=film))
     checks += check_rails(layers.gerbers, layers.holes, panel, tapes)
     for on in tapes:
         lines = pardoned(_check_tape(on, layers, files, quick=quick), on.film.film)

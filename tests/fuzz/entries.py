@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from threading import Event
-from typing import Any
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
@@ -212,7 +211,6 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
             return str(error)
         return check_models(tape, form, files, mesh, cpl)
 
-    of_notes: dict[str, Any] = {"order": film.order, "backings": film.film.backings, "assembly": film.assembly}
     gerbers = read_layers(seeds.files, cpl, film.film, []).gerbers
     made = Made(name=tape.name, tape=tape, record=film, gerbers=gerbers, radius_mm=tape.board.corner_radius_mm)
 
@@ -225,7 +223,7 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
         **dict.fromkeys(LAYERS, layers),
         "cpl": places,
         "bom": lambda files: check_bom(files["bom"].data, tape.designators(), film.assembly),
-        "order-notes": lambda files: check_order_notes(files, tape, **of_notes),
+        "order-notes": lambda files: check_order_notes(files, tape, film=film),
         **dict.fromkeys(("fab-dxf", "fab-drawing"), lambda files: check_drawings(files, shown, made)),
         "job": lambda files: check_job(tape.name, tape.board.size_mm, film.order, files),
         "fab-zip": check_zip,

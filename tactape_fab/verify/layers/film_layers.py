@@ -57,7 +57,8 @@ class FilmRecord:
 class FilmManifest:
     """Film and assembly as the manifest of a kit or a panel records them.
 
-    ``paths`` are those of fabrication files by role as the fab's profile has them, or, of one of the user's, as most fabs do.
+    ``paths`` are those of fabrication files by role as the fab's profile has them, or, of one of the user's, as most fabs do;
+    ``stencil_mm`` is the profile's stencil, None of the user's own.
     """
 
     lands: Recorded
@@ -70,6 +71,7 @@ class FilmManifest:
     limits_mm: Mapping[str, object]
     paths: Mapping[str, str]
     names_known: bool
+    stencil_mm: float | None
 
 
 def read_film_record(table: Fields) -> FilmRecord:

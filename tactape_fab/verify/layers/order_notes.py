@@ -11,6 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import named, shown
+from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.read.gerber_file import ReadbackError, read_gerber
 from tactape_fab.kit.render.order_notes import COPPER_OZ, LAMINATES, in_a_line
 from tactape_fab.solids.elements import reach_mm
@@ -19,12 +20,15 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
 from tactape_fab.verify.layers.drawing_words import lean
+from tactape_fab.verify.layers.film_layers import FilmManifest
 from tactape_fab.verify.layers.job_file import FabOrder
+from tactape_fab.verify.layers.kicad import Shown, shown_tape
+from tactape_fab.verify.layers.lands import opening_size_mm
 from tactape_fab.verify.layers.legend import inked_or_cut
 
 UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
-_PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos)(?!\.?\w)")
+_PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos|gbr|png|svg)(?!\.?\w)")
 _MOST_NOTES_BYTES = 100_000
 _NUMBER = r"(-?\d+\.\d)"
 _FIGURE = r"(-?\d+(?:\.\d+)?)"
@@ -34,8 +38,11 @@ _PRINT_AREA = re.compile(
 _FIELD = re.compile(rf"field of parts, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm")
 
 _ROW = re.compile(r"^   (\S(?:[^ \n]| (?! ))*) {2,}(\S[^\n]*)$", re.MULTILINE)
-_SPACING = ("least spacing of copper", "Min Track/Spacing", "stencil")
+_SPACING = ("least spacing of copper", "Min Track/Spacing")
 """Rows with a length that the manifest does not have."""
+_ALWAYS = 8
+"""Rows that every form has: the first ones of those that are expected, before those of the backings."""
+_BACKINGS = ("stiffener", "adhesive")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,43 +50,41 @@ class Ordered:
     """Subject of order notes: a tape, or a panel, which may be printed only in its rails."""
 
     name: str
-    size_mm: tuple[float, float]
-    part_count: int
-    on_panel: bool = False
+    shown: Shown
+    panel: Panel | None = None
+
+    @property
+    def part_count(self) -> int:
+        return len(self.shown.parts_xy_mm)
 
 
 def check_order_notes(
-    files: Mapping[str, WrittenFile],
-    tape: Tape,
-    of: Ordered | None = None,
-    *,
-    order: FabOrder | None = None,
-    assembly: RecordedAssembly | None = None,
-    backings: Mapping[str, str] | None = None,
+    files: Mapping[str, WrittenFile], tape: Tape, of: Ordered | None = None, *, film: FilmManifest | None = None
 ) -> Check:
     """Check that the notes name this tape, its size, every part and the files to upload, and name only free areas for print.
 
-    For a panel, `tape` is the first of its tapes, and `of` describes what is ordered. `order`, `assembly` and `backings` (by
-    role) are what the manifest records; without them the rows of the forms are not compared.
+    For a panel, `tape` is the first of its tapes, and `of` describes what is ordered. `film` is what the manifest records;
+    without it the rows of the forms are not compared.
     """
     if len(files["order-notes"].data) > _MOST_NOTES_BYTES:
         return Check(name="order-notes", passed=False, message=f"they are longer than {_MOST_NOTES_BYTES} bytes")
-    of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
+    of = of or Ordered(name=tape.name, shown=shown_tape(tape, np.empty((0, 2, 2)), 0.0))
     try:
         text = files["order-notes"].data.decode("utf-8")
     except UnicodeDecodeError as error:
         return Check(name="order-notes", passed=False, message=f"they are not UTF-8: {error.reason} at byte {error.start}")
-    width, height = map(_length, of.size_mm)
+    width, height = map(_length, of.shown.size_mm)
     facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
     paths = {file.path for file in files.values()}
     old = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]  # notes of version 0.2.0 and before
     listed = old or text.partition("\nSTEP 1. ")[2].partition("\nSTEP 10. ")[0]
     problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
-    if order is not None and assembly is not None and not old:
-        problems += _row_problems(text, tape, of, order, assembly, backings or {})
+    if film is not None and film.order is not None and not old:
+        problems += _row_problems(text, tape, of, film, film.order)
+        problems += _backing_problems(text, files, film.film.backings)
     found = _PRINT_AREA.findall(text)
-    if not found and ("only in the rails" if of.on_panel else "no room for one") not in text:
+    if not found and ("only in the rails" if of.panel else "no room for one") not in text:
         problems.append("they do not say where the fab may print")
     for area in found:
         x0, x1, y0, y1 = map(float, area)
@@ -91,20 +96,18 @@ def check_order_notes(
             legend = read_gerber(files["legend-top"].data)
         taken = inked_or_cut(legend, tape.board.holes)
         over = near.any() or any((low < (x1, y1)).all() and (high > (x0, y0)).all() for low, high in taken)
-        if over or of.on_panel or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
+        if over or of.panel or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
             where = f"x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm"
             problems.append(f"they let the fab print at {where}, on parts, ink or holes, or off the board")
     right = "tape, size, parts, files and rows of the forms as the kit has them; not compared: what else they say"
     return Check(name="order-notes", passed=not problems, message="; ".join(problems[:_MOST_SAID]) or right)
 
 
-def _row_problems(
-    text: str, tape: Tape, of: Ordered, order: FabOrder, assembly: RecordedAssembly, backings: Mapping[str, str]
-) -> Iterator[str]:
-    """Rows, and sentences of the remarks, that differ from the manifest; thickness, size and layers must be there."""
+def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder) -> Iterator[str]:
+    """Rows, and sentences of the remarks, that differ from the manifest; what the board is made of must be there."""
     # steps 1 to 4 are the board's form, up to 9 the whole order; what follows is for the buyer
     form, rest = text.partition("\nSTEP 5. ")[0], text.partition("\nSTEP 10. ")[0]
-    expected = _expected_rows(tape, of, order, assembly, backings)
+    expected = _expected_rows(tape, of, film, order)
     known = {label: value for labels, value in expected.items() for label in labels}
     rows = _ROW.findall(rest)
     for label, value in rows:
@@ -116,45 +119,68 @@ def _row_problems(
         for label, value in _ROW.findall(form)
         if re.search(r"\d ?mm\b", value) and label not in known and label not in _SPACING
     )
-    told = {label for label, _ in rows}
-    yield from (f"they do not say the {labels[0]}" for labels in [*expected][:3] if told.isdisjoint(labels))
+    told, laminated = {label for label, _ in rows}, [f"{backing}-bottom" in film.film.backings for backing in _BACKINGS]
+    # forms of rigid boards have no row of a stiffener: it stands in the remark alone
+    asked = [True] * _ALWAYS + [order.flexible and there for there in laminated]
+    yield from (
+        f"they do not say the {labels[0]}"
+        for labels, must in zip(expected, asked, strict=False)
+        if must and told.isdisjoint(labels)
+    )
     for found in re.finditer(r"\b(merge|align)\b", rest, re.IGNORECASE):
         if not rest.endswith("Do not ", 0, found.start()):
             yield f"they say {found[1]!r} without 'Do not'"
-    yield from _placement_problems(rest, of, assembly)
-    width, height = map(_length, of.size_mm)
+    yield from _placement_problems(rest, of, film.assembly)
+    (width, height), angles_deg = map(_length, of.shown.size_mm), sorted(set(of.shown.rotation_deg.tolist()))
+    opening = tuple(map(_length, opening_size_mm(film.lands)))
+    (x, y), last = (tuple(map(_length, of.shown.parts_xy_mm[i].tolist())) for i in (0, -1))
+    leans = *map(lean, angles_deg), None
+    yield from _other_figures(rest, rf"one opening of {_FIGURE} x {_FIGURE} mm for both pads", opening)
     yield from _other_figures(rest, rf"one board of {_FIGURE} x {_FIGURE} mm", (width, height))
-    if of.on_panel:
-        return
-    last_mm = tuple(map(_length, tape.part_xy_mm()[-1].tolist()))
-    yield from _other_figures(rest, r"\blean(?:s like this:|ing like) (\S)", (lean(tape.part.rotation_deg),))
-    yield from _other_figures(rest, rf"The board alone \({_FIGURE} x {_FIGURE} mm\)", (width, height))
-    yield from _other_figures(rest, rf"and R{of.part_count} at {_FIGURE}, {_FIGURE} mm", last_mm)
-    low, high = (tape.part_xy_mm() - reach_mm(tape.part)).min(axis=0), (tape.part_xy_mm() + reach_mm(tape.part)).max(axis=0)
-    for box in _FIELD.findall(rest):
-        x0, x1, y0, y1 = map(float, box)
-        if x0 > low[0] or y0 > low[1] or x1 < high[0] or y1 < high[1]:
-            yield f"they protect x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm as the field of parts, and parts lie beyond it"
-    x, y = map(_length, tape.part_xy_mm()[0].tolist())
+    yield from _other_figures(rest, r"\blean(?:s like this:|ing like) (\S)(?: or, on turned tapes, (\S))?", leans[:2])
+    yield from _other_figures(rest, rf"and R(\d+) at {_FIGURE}, {_FIGURE} mm", (str(of.part_count), *last))
     sentences = {
-        rf"turned {_FIGURE} deg": {_length(tape.part.rotation_deg)},
-        rf"differ by {_FIGURE} mm": {f"{tape.displacement_mm:.4g}"},
-        rf"regular grid of {_FIGURE} mm": {f"{tape.pitch_mm:.4g}"},
+        rf"turned {_FIGURE} deg": {_length(angle % 360.0) for angle in angles_deg},
         rf"R1 at {_FIGURE},": {x},
         rf"R1 at {x}, {_FIGURE} mm": {y},
         rf"(?<![\d.-]){_FIGURE} parts": {str(of.part_count)},
     }
+    if of.panel is not None:
+        cut = {"in rails": of.panel.rail_mm, "slots": of.panel.gap_mm, "tabs": of.panel.tab_mm}
+        sentences |= {rf"{what} of {_FIGURE} mm": {_length(wide_mm)} for what, wide_mm in cut.items()}
+    else:
+        sentences[rf"differ by {_FIGURE} mm"] = {f"{tape.displacement_mm:.4g}"}
+        sentences[rf"regular grid of {_FIGURE} mm"] = {f"{tape.pitch_mm:.4g}"}
+        yield from _other_figures(rest, rf"The board alone \({_FIGURE} x {_FIGURE} mm\)", (width, height))
+        reach = reach_mm(tape.part)
+        low, high = (tape.part_xy_mm() - reach).min(axis=0), (tape.part_xy_mm() + reach).max(axis=0)
+        for box in _FIELD.findall(rest):
+            x0, x1, y0, y1 = map(float, box)
+            if x0 > low[0] or y0 > low[1] or x1 < high[0] or y1 < high[1]:
+                yield f"they protect x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm as the field of parts, and parts lie beyond it"
     for pattern, right in sentences.items():
         # every figure at that place of a sentence, and it must be there at least once
         if wrong := {*re.findall(pattern, rest)} ^ right:
-            yield f"they say {named(sorted(wrong))} where {pattern.replace(_FIGURE, right.pop())!r} should stand"
+            yield f"they say {named(sorted(wrong))} where {pattern.replace(_FIGURE, ' and '.join(sorted(right)))!r} should stand"
 
 
-def _other_figures(text: str, pattern: str, right: tuple[str, ...]) -> Iterator[str]:
+def _backing_problems(text: str, files: Mapping[str, WrittenFile], backings: Mapping[str, str]) -> Iterator[str]:
+    """What the board's remark says of a stiffener or an adhesive, which no Gerber file shows the thickness of."""
+    for word in map(str.capitalize, _BACKINGS):
+        role = f"{word.lower()}-bottom"
+        wanted = [(backings[role], files[role].path)] if role in backings and role in files else []
+        found = re.findall(rf"^   {word} ([^\n]{{1,40}}) mm on the underside[^\n]*, where (\S+) has it", text, re.MULTILINE)
+        if found != wanted:
+            said, right = ([f"{word} {what} mm by {path}" for what, path in rows] or ["nothing"] for rows in (found, wanted))
+            yield f"they say {named(said)} of the underside, where {right[0]} should stand"
+
+
+def _other_figures(text: str, pattern: str, right: tuple[str | None, ...]) -> Iterator[str]:
     """Figures and words that are not the right ones, wherever the notes have such a sentence."""
     for found in re.finditer(pattern, text):
         if found.groups() != right:
-            yield f"they say {', '.join(found.groups())} where {', '.join(right)} should stand"
+            said, wanted = (", ".join(filter(None, words)) for words in (found.groups(), right))
+            yield f"they say {said} where {wanted} should stand"
 
 
 def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> Iterator[str]:
@@ -171,19 +197,19 @@ def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> I
         text, r"(\d+) parts (\S[^\n]*), all on ([^,\n]+),", (str(of.part_count), in_a_line(assembly.footprint), "top")
     )
     number = f"number {in_a_line(assembly.part_number)}" if assembly.part_number else "no part number is given"
-    yield from _other_figures(text, r"; ((?:no part )?number [^\n]*)\.\n", (number,))
+    bought = (in_a_line(assembly.description), number)
+    yield from _other_figures(text, r"(?m)^   (\S[^\n]*?); ((?:no part )?number [^\n]*)\.$", bought)
     for boards, parts in re.findall(r"^   parts for (\d{1,9}) \S+ +(\d{1,9})\b", text, re.MULTILINE):
         if int(parts) < int(boards) * of.part_count:
             yield f"they say {parts} parts for {boards} boards of {of.part_count}"
 
 
-def _expected_rows(
-    tape: Tape, of: Ordered, order: FabOrder, assembly: RecordedAssembly, backings: Mapping[str, str]
-) -> dict[tuple[str, ...], str]:
-    """Patterns of the values that rows of these labels may have, in the forms of all houses."""
-    width, height, radius = map(_length, (*of.size_mm, tape.board.corner_radius_mm))
+def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder) -> dict[tuple[str, ...], str]:
+    """Patterns of the values that rows of these labels may have, in the forms of all houses; those of all forms first."""
+    assembly, backings = film.assembly, film.film.backings
+    width, height, radius = map(_length, (*of.shown.size_mm, tape.board.corner_radius_mm))
     copper = COPPER_OZ.get(order.copper_um, f"{order.copper_um:g} um")
-    hole = _length(min((hole[2] for hole in tape.board.holes), default=0.0))
+    hole = _length(min((hole[2] for hole in of.shown.holes), default=0.0))
     number, any_part = _escaped(assembly.part_number), _escaped(assembly.description)
     choose = "none is given: choose one of the house's, |choose one in the library: |not given; any maker: "
     stiffener, adhesive = (
@@ -203,9 +229,10 @@ def _expected_rows(
         ),
         ("stiffener", "Stiffener"): stiffener,
         ("adhesive", "Adhesive Tape", "3M or tesa Tape"): adhesive,
-        ("smallest hole", "Min Hole Size"): f"{_FIGURE} mm(, unplated)?|no holes"
-        if of.on_panel
-        else (f"{hole} mm(, unplated)?" if tape.board.holes else "no holes"),
+        ("smallest hole", "Min Hole Size"): f"{hole} mm(, unplated)?" if of.shown.holes else "no holes",
+        ("panel", "Delivery Format", "Board Type"): _delivery(of.panel),
+        ("stencil",): ".*" if film.stencil_mm is None else f"{_length(film.stencil_mm)} mm",
+        ("Comment in the BOM",): _escaped(assembly.value),
         ("parts of a board", "Number of SMD Parts"): str(of.part_count),
         ("joints of a board",): str(2 * of.part_count),
         ("side", "Side(s)", "PCBA Side", "Assembly Side"): "[Tt]op( only| side| Side)?",
@@ -218,6 +245,13 @@ def _expected_rows(
 def _escaped(text: str) -> str:
     """Pattern of a profile's text, as the notes have it on one line."""
     return re.escape(in_a_line(text))
+
+
+def _delivery(panel: Panel | None) -> str:
+    """Pattern of how boards are delivered."""
+    if panel is not None:
+        return f"(as drawn|Panel by Customer), {re.escape(panel.words)}"
+    return r"[Ss]ingle (pieces|PCB)|(by the fab|Panel by \w+), as the remark of step 8 says"
 
 
 def _bases(order: FabOrder) -> str:

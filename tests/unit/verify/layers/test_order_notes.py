@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import re
+import shutil
+from pathlib import Path
 
 import pytest
 
-from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.texture.manifest import read_manifest
+from tactape_fab.verify import verify_kit
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.film import read_film_manifest
 from tactape_fab.verify.layers.order_notes import check_order_notes
+from tests.roundtrip.kits import OpenKit, failed
 
 
 @pytest.fixture(scope="module")
 def kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
-    spec = TapeSpec(sector=7, size_mm=(30, 25), models=False)
+    spec = TapeSpec(sector=7, size_mm=(30, 25), models=False, stiffener="FR4 0.2", adhesive="3M468 0.13")
     return make_kit(spec, tmp_path_factory.mktemp("notes") / "kit", verify=False)
 
 
@@ -28,7 +32,7 @@ def checked(kit: Kit, pattern: str, new: str) -> Check:
     assert count
     files["order-notes"] = WrittenFile(path=files["order-notes"].path, data=text.encode())
     film = read_film_manifest(Fields(manifest))
-    return check_order_notes(files, kit.tape, order=film.order, assembly=film.assembly, backings=film.film.backings)
+    return check_order_notes(files, kit.tape, film=film)
 
 
 @pytest.mark.parametrize(
@@ -39,7 +43,16 @@ def checked(kit: Kit, pattern: str, new: str) -> Check:
         (r"(field of parts, .* to) 23\.9", r"\1 13.9", "and parts lie beyond it"),
         (r"one board of 30 x 25", "one board of 30 x 52", "they say 30, 52 where 30, 25 should stand"),
         (r"board alone \(30 x", "board alone (300 x", "they say 300, 25 where 30, 25 should stand"),
-        (r"and R225 at 28\.15", "and R225 at 2.15", "they say 2.15, 2 where 28.15, 2 should stand"),
+        (r"and R225 at 28\.15", "and R225 at 2.15", "they say 225, 2.15, 2 where 225, 28.15, 2 should stand"),
+        (r"and R225 at", "and R226 at", "they say 226, 28.15, 2 where 225, 28.15, 2 should stand"),
+        (r"opening of 1\.2 x", "opening of 1.5 x", "they say 1.5, 0.5 where 1.2, 0.5 should stand"),
+        (r"Stiffener FR4 0\.2 mm", "Stiffener FR4 0.5 mm", "they say Stiffener FR4 0.5 mm by gerber/"),
+        (r"   Stiffener .*\n", "", "they say nothing of the underside, where Stiffener FR4 0.2 mm by gerber/"),
+        (r"_3M468_0\.13mm\.gbr has", "_3M468_0.2mm.gbr has", "mm.gbr, which is not in the kit"),
+        (r"height 0\.23 mm; no", "height 0.5 mm; no", "body height 0.5 mm, no part number is given where"),
+        (r"(stencil +)0\.1 mm", r"\1 0.4 mm", "'stencil' is '0.4 mm', which is not the manifest's"),
+        (r"(panel +)by the fab.*", r"\1as drawn, 2 x 2 tapes", "'panel' is 'as drawn, 2 x 2 tapes', which"),
+        *((rf"   {row} .*\n", "", f"they do not say the {row}") for row in ("copper", "coverlay", "stiffener", "adhesive")),
     ],
 )
 def test_figures_that_somebody_acts_on_are_the_tape_s(kit: Kit, pattern: str, new: str, said: str) -> None:
@@ -50,3 +63,27 @@ def test_figures_that_somebody_acts_on_are_the_tape_s(kit: Kit, pattern: str, ne
 def test_notes_without_such_sentences_and_as_written_pass(kit: Kit) -> None:
     assert checked(kit, "ORDER NOTES", "ORDER NOTES").passed
     assert checked(kit, r", x 6\.0 to .* mm:", ":").passed  # as of an older version
+
+
+def test_figures_of_a_panel_are_compared_too(panel_2: PanelKit, tmp_path: Path) -> None:
+    kit = OpenKit(Path(shutil.copytree(panel_2.path, tmp_path / "panel")))
+    changes = {
+        "turned 45 deg": "turned 90 deg",
+        "like this: /": "like this: -",
+        "rails of 5": "rails of 7",
+        "slots of 2": "slots of 3",
+    }
+    for old, new in {**changes, "tabs of 1": "tabs of 3", "R1 at ": "R1 at 1", "as drawn, 1": "as drawn, 3"}.items():
+        assert old in kit.data["order-notes"].decode()
+        kit.data["order-notes"] = kit.data["order-notes"].replace(old.encode(), new.encode())
+    said = failed(verify_kit(kit.save(consistent=True), quick=True))["order-notes"].message
+    wrong = (
+        "'turned 45 deg'",
+        "they say - where /",
+        "'in rails of 5 mm'",
+        "'slots of 2 mm'",
+        "'tabs of 1 mm'",
+        "'R1 at",
+        "'panel' is",
+    )
+    assert [words for words in wrong if words not in said] == []
