@@ -169,6 +169,8 @@ def test_every_way_to_be_misplaced_is_put_into_words(default_kit: Kit) -> None:
     assert {words: explain(tape, np.asarray(xy_mm, dtype=np.float64)) for words, xy_mm in said.items()} == {
         words: words for words in said
     }
+    at[3] = 1e36  # farther than an integer counts, as an STL may say
+    assert explain(tape, at) == "its parts name no one place of 'microdots-4x4' or another code"
 
 
 @pytest.mark.parametrize("share", [0.1, 1 / 6, 0.26, 0.3, 0.4, 0.45])

@@ -62,9 +62,10 @@ def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
 
 def _in_place(tape: Tape, texture_mm: FloatArray) -> bool:
     """Whether every part is at a place of the tape's, whatever its displacement."""
-    cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
+    cell = np.rint(texture_mm / tape.pitch_mm)
     if (cell < 0).any() or (cell >= (tape.columns, tape.rows)).any():
         return False
+    cell = cell.astype(np.int64)  # only here: a file may place a part farther away than an integer counts
     places_mm = cell * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[tape.symbols[cell[:, 1], cell[:, 0]]]
     return bool(np.abs(texture_mm - places_mm).max() <= _TOLERANCE_MM)
 
@@ -95,14 +96,14 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
         upright = upright @ _MIRROR
     # circular mean of the places modulo the pitch: displacements to both sides cancel as far as the symbols are even
     phase_mm = np.angle(np.exp(2j * np.pi * upright / tape.pitch_mm).mean(axis=0)) / (2 * np.pi) * tape.pitch_mm
-    cell = np.rint((upright - phase_mm) / tape.pitch_mm).astype(np.int64)
+    cell = np.rint((upright - phase_mm) / tape.pitch_mm)
     moved = upright - phase_mm - cell * tape.pitch_mm
     # cells counted from the least that is taken; where that lies on the tape is what windows say
     first = cell.min(axis=0)
-    columns, rows = (cell.max(axis=0) - first + 1).tolist()
+    columns, rows = map(int, (cell.max(axis=0) - first + 1).tolist())
     if columns * rows > _MOST_CELLS:
         return None
-    column, row = (cell - first).T
+    column, row = (cell - first).astype(np.int64).T
     # other codes have four directions
     directions = tape.directions if name == tape.code else USUAL_DIRECTIONS
     shown = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY[:directions], axis=2).argmin(axis=1)
