@@ -233,6 +233,7 @@ def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder)
         ("panel", "Delivery Format", "Board Type"): _delivery(of.panel),
         ("stencil",): ".*" if film.stencil_mm is None else f"{_length(film.stencil_mm)} mm",
         ("Comment in the BOM",): _escaped(assembly.value),
+        ("Mark on PCB", "Remove Product No."): "Remove Mark|Yes",  # a number of the house's would stand on the tag
         ("parts of a board", "Number of SMD Parts"): str(of.part_count),
         ("joints of a board",): str(2 * of.part_count),
         ("side", "Side(s)", "PCBA Side", "Assembly Side"): "[Tt]op( only| side| Side)?",
