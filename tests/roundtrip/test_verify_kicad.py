@@ -76,6 +76,7 @@ CHANGES = {
     "stencil": (replaced("(size 0.318 0.36)", "(size 0.318 0.4)"), "stencil aperture 1 is not"),
     "outline larger": (replaced("(start 21.000000 40.000000)", "(start 21.000000 40.200000)"), "outline"),
     "outline open": (lambda t: re.sub(r'\n  \(gr_arc [^\n]*"Edge.Cuts"[^\n]*', "", t, count=1), "7 sides"),
+    "outline on no layer": (lambda t: re.sub(r'\n *\(44 "Edge.Cuts" user\)', "", t), "its table of layers lacks Edge.Cuts"),
     "corners cut off": (octagon, "its outline is not that of the outline layer"),
     "ink in another order": (
         lambda t: re.sub(r"(pts )(\(xy \S+ \S+\)) (.*?) (\(xy \S+ \S+\))(\) \(layer \"F.SilkS\"\))", r"\1\4 \3 \2\5", t, count=1),

@@ -34,6 +34,7 @@ _RULES = {
 }
 """Design rules of the project, and the fab's limits that they are."""
 _SEVERITIES: tuple[dict[str, str], ...] = ({}, {"track_dangling": "ignore"})
+_PLOTTED = {"F.Paste", "F.SilkS", "F.Mask", "Edge.Cuts"}
 _NOT_PLACED = ("exclude_from_pos_files", "exclude_from_bom")
 _ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
 """By the first letter of a footprint's name: part, hole, fiducial."""
@@ -124,6 +125,9 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
     copper = sorted(str(row[1]) for row in layers[1:] if row[2:3] != ("user",))
     if copper != ["B.Cu", "F.Cu"] or any(row[2] != "signal" for row in layers[1:] if row[1] in copper):
         problems.append("its copper layers are not F.Cu and B.Cu")
+    # KiCad moves what is drawn on a layer that its table lacks to that of comments, which nobody plots
+    if lacking := sorted(_PLOTTED - {str(row[1]) for row in layers[1:]}):
+        problems.append(f"its table of layers lacks {named(lacking)}")
     plain = [item[0] for item in setup[1:]] == ["pad_to_mask_clearance", "aux_axis_origin", "grid_origin"]
     if not plain or values(setup, "pad_to_mask_clearance") != [0.0]:
         problems.append("its setup is not that of this tool")
