@@ -82,6 +82,7 @@ def check_order_notes(
     problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     if film is not None and film.order is not None and not old:
         problems += _row_problems(text, tape, of, film, film.order)
+        problems += _remark_problems(text.partition("\nSTEP 10. ")[0], tape, of, film)
         problems += _backing_problems(text, files, film.film.backings)
     found = _PRINT_AREA.findall(text)
     if not found and ("only in the rails" if of.panel else "no room for one") not in text:
@@ -104,7 +105,7 @@ def check_order_notes(
 
 
 def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder) -> Iterator[str]:
-    """Rows, and sentences of the remarks, that differ from the manifest; what the board is made of must be there."""
+    """Rows that differ from the manifest; what the board is made of must be there."""
     # steps 1 to 4 are the board's form, up to 9 the whole order; what follows is for the buyer
     form, rest = text.partition("\nSTEP 5. ")[0], text.partition("\nSTEP 10. ")[0]
     expected = _expected_rows(tape, of, film, order)
@@ -127,18 +128,22 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
         for labels, must in zip(expected, asked, strict=False)
         if must and told.isdisjoint(labels)
     )
-    for found in re.finditer(r"\b(merge|align)\b", rest, re.IGNORECASE):
-        if not rest.endswith("Do not ", 0, found.start()):
+
+
+def _remark_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest) -> Iterator[str]:
+    """Sentences of the remarks that differ from the manifest."""
+    for found in re.finditer(r"\b(merge|align)\b", text, re.IGNORECASE):
+        if not text.endswith("Do not ", 0, found.start()):
             yield f"they say {found[1]!r} without 'Do not'"
-    yield from _placement_problems(rest, of, film.assembly)
+    yield from _placement_problems(text, of, film.assembly)
     (width, height), angles_deg = map(_length, of.shown.size_mm), sorted(set(of.shown.rotation_deg.tolist()))
     opening = tuple(map(_length, opening_size_mm(film.lands)))
     (x, y), last = (tuple(map(_length, of.shown.parts_xy_mm[i].tolist())) for i in (0, -1))
     leans = *map(lean, angles_deg), None
-    yield from _other_figures(rest, rf"one opening of {_FIGURE} x {_FIGURE} mm for both pads", opening)
-    yield from _other_figures(rest, rf"one board of {_FIGURE} x {_FIGURE} mm", (width, height))
-    yield from _other_figures(rest, r"\blean(?:s like this:|ing like) (\S)(?: or, on turned tapes, (\S))?", leans[:2])
-    yield from _other_figures(rest, rf"and R(\d+) at {_FIGURE}, {_FIGURE} mm", (str(of.part_count), *last))
+    yield from _other_figures(text, rf"one opening of {_FIGURE} x {_FIGURE} mm for both pads", opening)
+    yield from _other_figures(text, rf"one board of {_FIGURE} x {_FIGURE} mm", (width, height))
+    yield from _other_figures(text, r"\blean(?:s like this:|ing like) (\S)(?: or, on turned tapes, (\S))?", leans[:2])
+    yield from _other_figures(text, rf"and R(\d+) at {_FIGURE}, {_FIGURE} mm", (str(of.part_count), *last))
     sentences = {
         rf"turned {_FIGURE} deg": {_length(angle % 360.0) for angle in angles_deg},
         rf"R1 at {_FIGURE},": {x},
@@ -151,16 +156,16 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
     else:
         sentences[rf"differ by {_FIGURE} mm"] = {f"{tape.displacement_mm:.4g}"}
         sentences[rf"regular grid of {_FIGURE} mm"] = {f"{tape.pitch_mm:.4g}"}
-        yield from _other_figures(rest, rf"The board alone \({_FIGURE} x {_FIGURE} mm\)", (width, height))
+        yield from _other_figures(text, rf"The board alone \({_FIGURE} x {_FIGURE} mm\)", (width, height))
         reach = reach_mm(tape.part)
         low, high = (tape.part_xy_mm() - reach).min(axis=0), (tape.part_xy_mm() + reach).max(axis=0)
-        for box in _FIELD.findall(rest):
+        for box in _FIELD.findall(text):
             x0, x1, y0, y1 = map(float, box)
             if x0 > low[0] or y0 > low[1] or x1 < high[0] or y1 < high[1]:
                 yield f"they protect x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm as the field of parts, and parts lie beyond it"
     for pattern, right in sentences.items():
         # every figure at that place of a sentence, and it must be there at least once
-        if wrong := {*re.findall(pattern, rest)} ^ right:
+        if wrong := {*re.findall(pattern, text)} ^ right:
             yield f"they say {named(sorted(wrong))} where {pattern.replace(_FIGURE, ' and '.join(sorted(right)))!r} should stand"
 
 
