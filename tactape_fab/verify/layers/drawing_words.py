@@ -13,12 +13,13 @@ from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.verify.layers.kicad import Shown
 from tactape_fab.verify.layers.kicad_drawn import Made
-from tactape_fab.verify.layers.lands import opening_size_mm
+from tactape_fab.verify.layers.lands import between_lands_mm, opening_size_mm
 
 _F = r"[-+.\de]{1,12}"
 """A figure that the manifest does not have."""
 _HOLE = re.compile(rf"\? ({_F}) x ({_F}) y ({_F})")
 _FIELD = re.compile(rf" ({_F}) field ({_F}) A ")
+_THREE_DIGITS = 0.006
 _MOST_HOLES = 8
 _HOLE_MM = 6e-4
 """Half of the third decimal, and a float's error."""
@@ -46,6 +47,9 @@ def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
     for left, length in _FIELD.findall(words):
         if float(left) > x_mm.min() - reach_x_mm or float(left) + float(length) < x_mm.max() + reach_x_mm:
             return [f"its field of {length} mm from {left} mm does not hold all parts"]
+    said_mm, most_mm = re.search(rf" least spacing ({_F}) ", words), between_lands_mm(made.record.lands)
+    if said_mm is not None and float(said_mm[1]) - most_mm > abs(most_mm) * _THREE_DIGITS:
+        return [f"its least spacing of {said_mm[1]} mm is more than between the lands of a part"]
     return [*(["it says more than it should"] if words[at:] != " " else []), *(["its holes are not the kit's"] if wrong else [])]
 
 

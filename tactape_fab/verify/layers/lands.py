@@ -342,6 +342,11 @@ def opening_outline(recorded: Recorded, tape: Tape) -> FloatArray:
     return placed_outline(opening_size_mm(recorded), 0.0, tape.part.rotation_deg)
 
 
+def between_lands_mm(recorded: Recorded) -> float:
+    """Gap between the two lands of a part: no spacing of the copper is larger."""
+    return 2 * recorded.pads.offset_mm - recorded.pads.size_mm[0]
+
+
 def opening_size_mm(recorded: Recorded) -> tuple[float, float]:
     """Length and width of a part's opening."""
     pads, wider_mm = recorded.pads, 2 * recorded.expansion_mm

@@ -23,7 +23,7 @@ from tactape_fab.verify.layers.drawing_words import lean
 from tactape_fab.verify.layers.film_layers import FilmManifest
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown, shown_tape
-from tactape_fab.verify.layers.lands import opening_size_mm
+from tactape_fab.verify.layers.lands import between_lands_mm, opening_size_mm
 from tactape_fab.verify.layers.legend import inked_or_cut
 
 UPLOADED = ("fab-zip", "cpl", "bom")
@@ -40,6 +40,7 @@ _FIELD = re.compile(rf"field of parts, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} 
 _ROW = re.compile(r"^   (\S(?:[^ \n]| (?! ))*) {2,}(\S[^\n]*)$", re.MULTILINE)
 _SPACING = ("least spacing of copper", "Min Track/Spacing")
 """Rows with a length that the manifest does not have."""
+_ROUNDED_MM = 6e-4
 _ALWAYS = 8
 """Rows that every form has: the first ones of those that are expected, before those of the backings."""
 _BACKINGS = ("stiffener", "adhesive")
@@ -115,6 +116,9 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
         # prose is free, but where a row of a form has a value, it must be the manifest's
         if label in known and re.fullmatch(known[label], value) is None:
             yield f"{shown(label)} is {shown(value)}, which is not the manifest's"
+        figure = re.fullmatch(rf"{_FIGURE} mm", value) if label in _SPACING else None
+        if figure is not None and float(figure[1]) > between_lands_mm(film.lands) + _ROUNDED_MM:
+            yield f"{shown(label)} is {shown(value)}, more than between the lands of a part"
     yield from (
         f"they ask for {shown(label)} {shown(value)}, which no form of this tool does"
         for label, value in _ROW.findall(form)

@@ -444,6 +444,7 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
             ("openings", b"never merged", b"may be merged"),
             ("size of openings", b"openings of 1.2 x 0.5", b"openings of 1.3 x 0.5"),
             ("an opening", b"opening 1.2 x 0.5", b"opening 1.2 x 0.6"),
+            ("spacing", b"least spacing 0.18", b"least spacing 0.48"),
             ("lines of ink", b"lines of 0.15", b"lines of 0.05"),
             ("length of the field", b"(field 1", b"(field "),
             ("unit", b"all dimensions in mm", b"all dimensions in mil"),

@@ -50,6 +50,7 @@ def checked(kit: Kit, pattern: str, new: str) -> Check:
         (r"   Stiffener .*\n", "", "they say nothing of the underside, where Stiffener FR4 0.2 mm by gerber/"),
         (r"_3M468_0\.13mm\.gbr has", "_3M468_0.2mm.gbr has", "mm.gbr, which is not in the kit"),
         (r"height 0\.23 mm; no", "height 0.5 mm; no", "body height 0.5 mm, no part number is given where"),
+        (r"(least spacing of copper +)0\.18", r"\1 0.48", "is '0.48 mm', more than between the lands of a part"),
         (r"(stencil +)0\.1 mm", r"\1 0.4 mm", "'stencil' is '0.4 mm', which is not the manifest's"),
         (r"(   electrical test .*\n)", r"\1   Mark on PCB  Order Number\n", "'Mark on PCB' is 'Order Number', which"),
         (r"(panel +)by the fab.*", r"\1as drawn, 2 x 2 tapes", "'panel' is 'as drawn, 2 x 2 tapes', which"),
