@@ -18,6 +18,7 @@ from tactape_fab.verify import Verification
 Point = tuple[float, float]
 Edit = Callable[["OpenKit"], object]
 Rows = list[list[str]]
+Files = dict[str, bytes]
 
 IN_ZIP = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job")
 BACKINGS = ("stiffener-bottom", "adhesive-bottom")
@@ -97,6 +98,11 @@ class OpenKit:
             for name, data in sorted(members.items()):
                 archive.writestr(as_written(name), data)
         self.data["fab-zip"] = stream.getvalue()
+
+
+def contents(folder: Path) -> Files:
+    """Every file below a folder by its path."""
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def as_written(name: str) -> zipfile.ZipInfo:

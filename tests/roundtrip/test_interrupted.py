@@ -25,6 +25,7 @@ from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
 from tests.calls import replaced
+from tests.roundtrip.kits import Files, contents
 from tests.thorough import only_thorough, some
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
@@ -32,13 +33,6 @@ KILLS = 24
 AT_A_TIME = 2
 NEW, OLD = 7, 8
 SIZE_MM = (24.0, 20.0)
-
-Files = dict[str, bytes]
-
-
-def contents(folder: Path) -> Files:
-    """Every file below a folder by its path."""
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def start_make(folder: Path) -> subprocess.Popen[bytes]:

@@ -32,6 +32,7 @@ from tactape_fab.kit.writer import write_kit
 from tactape_fab.make import kit as make
 from tactape_fab.make import publish as folders
 from tactape_fab.verify import Verification
+from tests.roundtrip.kits import contents
 from tests.thorough import thorough
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
@@ -61,11 +62,6 @@ PINNED_KEYS = {
     "format", "name", "tool", "sector", "code", "origin", "columns", "rows", "pitch_mm", "displacement_mm", "board", "part",
     "fab", "spec", "symbols", "omitted", "tag", "files",
 }  # fmt: skip
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder by its path."""
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def manifest_of(folder: Path) -> dict[str, Any]:

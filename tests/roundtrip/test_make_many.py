@@ -16,15 +16,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab import TapeSpec, list_tapes, make_kit, make_kits, verify_kit
 from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 from tactape_fab.base.pool import mapped
-from tactape_fab.cli import main
 from tactape_fab.make import many
 from tactape_fab.make.many import FailedKit, MadeKit
-from tests.roundtrip.test_interrupted import Files, contents
+from tests.commands import run
+from tests.roundtrip.kits import Files, contents
 from tests.thorough import thorough
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
@@ -32,10 +31,6 @@ SMALL = "--size 20x20 --no-3d"
 PATIENCE_S = 60.0
 MARK = "TACTAPE_TEST_RUN"
 """Kept by all processes that a run starts; its value is the folder that the run was started in."""
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 def small_kit(sector: int, folder: Path) -> Files:

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from tactape_fab.advise import model
 from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING, advise, seen_of, tape_of
@@ -35,6 +35,7 @@ from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.simulation.gel import press
 from tactape_fab.texture.code import ALL_CODE_NAMES, TOUCH_CODE
 from tests.bench import advise as bench
+from tests.commands import run
 from tests.thorough import only_thorough, thorough
 
 MINI = load_sensor("gelsight-mini")
@@ -51,10 +52,6 @@ USUAL = Seen(
     blur_mm=0.15,
     placement_mm=0.0,
 )
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 @cache

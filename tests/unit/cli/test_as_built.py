@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import json
-import shlex
 import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab import AsBuilt, Kit, SpecError, Tape, read_tapes
-from tactape_fab.cli import main
 from tactape_fab.texture.as_built import manifest_digest
+from tests.commands import run
 from tests.measured import measured
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 @pytest.fixture

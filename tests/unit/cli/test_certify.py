@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import shlex
 import shutil
 from pathlib import Path
 
 import cv2
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab import Kit
-from tactape_fab.cli import main
 from tactape_fab.cli.certify import certified_lines
 from tactape_fab.cli.registry import registry_lines
 from tactape_fab.kit.examine.code_tapes import default_tapes
@@ -20,11 +17,8 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.report.certify_picture import draw_certified
 from tactape_fab.texture.certify.certificate import certify
 from tactape_fab.texture.certify.kits import certified, registry
+from tests.commands import run
 from tests.tapes import tape_at
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import shlex
 import shutil
 import subprocess
 import sys
@@ -14,11 +13,11 @@ from typing import Any, NoReturn
 
 import click
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab import Kit, __version__, cli
 from tactape_fab.base.templates import templates_folder
-from tactape_fab.cli import COMMANDS, command, main
+from tactape_fab.cli import COMMANDS, command
+from tests.commands import run
 from tests.thorough import only_thorough, thorough
 
 PROGRAM = (sys.executable, "-m", "tactape_fab")
@@ -33,10 +32,6 @@ FINDING_KEYS = {"rule", "level", "passed", "message", "value", "limit", "unit", 
 CHECK_KEYS = {"name", "passed", "message", "figure", "unit", "warning", "skipped"}
 MAKE_KEYS = {"path", "name", "sector", "code", "origin", "columns", "rows", "parts", "files", "findings", "checks"}
 SMALL = "--sector 9 --size 20x20"
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 def parsed(text: str) -> Any:

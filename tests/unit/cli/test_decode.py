@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -14,10 +13,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 from tactape_fab import Kit, Localizer, SpecError
-from tactape_fab.cli import command, main
+from tactape_fab.cli import command
+from tests.commands import run
 
 KEYS = {
     "frame", "status", "located", "reason", "tape", "sector", "position_mm", "theta_deg", "board_mm", "contact_mm", "cell",
@@ -25,10 +25,6 @@ KEYS = {
     "strain", "strain_sigma", "tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n",
 }  # fmt: skip
 SPEC_OF_ANSWER = KEYS | {"plane_mm", "refined", "refine_reason", "places"}
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 def answers(result: Result) -> list[dict[str, Any]]:

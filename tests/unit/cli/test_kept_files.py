@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import shlex
 import shutil
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab import Kit
-from tactape_fab.cli import main
 from tactape_fab.sense import simulate_frames
-
-
-def run(command: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(command), prog_name="tactape-fab")
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+from tests.commands import run
+from tests.roundtrip.kits import contents
 
 
 @pytest.fixture

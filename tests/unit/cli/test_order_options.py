@@ -9,18 +9,13 @@ import shlex
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab.base.templates import profile_names, templates_folder
-from tactape_fab.cli import main
+from tests.commands import run
 
 USAGE = 2
 CELL = "use 1 to 80 letters, digits, spaces and ._()/#+-"
 LCSC = "a C and up to 10 digits"
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args))
 
 
 def refused(args: str, *said: str) -> list[str]:

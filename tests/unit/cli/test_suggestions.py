@@ -5,18 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab.base.errors import Check
-from tactape_fab.cli import main
 from tactape_fab.cli.printing import verified_line
 from tactape_fab.kit.profiles import PartProfile, profile_names, read_part
+from tests.commands import run
 
 CHIPS = [name for name in profile_names("parts") if isinstance(read_part(name), PartProfile)]
-
-
-def run(command: str) -> Result:
-    return CliRunner().invoke(main, command.split(), prog_name="tactape-fab")
 
 
 @pytest.mark.parametrize(

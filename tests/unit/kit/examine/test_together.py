@@ -6,19 +6,15 @@ import re
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from tactape_fab.cli import main
 from tactape_fab.kit.examine.together import sector_words
 from tactape_fab.texture.certify.kits import registry
+from tests.commands import run
 from tests.thorough import only_thorough
 
 pytestmark = pytest.mark.usefixtures("here")
 BOTH = "tactape-s000 and tactape-s001: 1 pair of 4x4 windows read the same"
-
-
-def run(command: str) -> Result:
-    return CliRunner().invoke(main, command.split(), prog_name="tactape-fab")
 
 
 def said(result: Result) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,19 +13,18 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import shapely
-from click.testing import CliRunner, Result
 
 from tactape_fab import Kit, Tape, TapeSpec, make_kit
 from tactape_fab.base.errors import DesignRuleError, Finding, SpecError
 from tactape_fab.base.launch import python_command
 from tactape_fab.base.launch import run as run_program
 from tactape_fab.base.templates import templates_folder
-from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.plan import plan_texture
 from tactape_fab.kit.profiles import ElementProfile, load_part, load_process, read_part
 from tactape_fab.kit.rules.process_rules import check_models, check_texture
 from tactape_fab.solids.forms import Cylinder, SolidForm
+from tests.commands import run
 from tests.thorough import costly, only_thorough
 from tests.unit.kit.test_plan import STEP, turned
 
@@ -47,10 +45,6 @@ Floats = npt.NDArray[np.float64]
 
 def spec_of(**values: Any) -> TapeSpec:
     return TapeSpec(**{**SMALL, **values})
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 def manifest_of(kit: Kit) -> dict[str, Any]:

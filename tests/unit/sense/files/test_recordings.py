@@ -19,7 +19,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
@@ -31,12 +31,12 @@ from tactape_fab import Kit
 from tactape_fab.base import launch
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.base.libraries import library
-from tactape_fab.cli import main
 from tactape_fab.sense import Scene, load_sensor, simulate, simulate_frames
 from tactape_fab.sense.files import lerobot_dataset, mcap_images
 from tactape_fab.sense.files.image_message import colour_of, image_of
 from tactape_fab.sense.files.recordings import is_recording, open_recording
 from tactape_fab.sense.live.cdr import IMAGE
+from tests.commands import run
 from tests.live import SHAPE, ramp
 from tests.recordings import dataset, film, image_message, mcap, pictures, unreadable_film
 
@@ -46,10 +46,6 @@ COUNT = 4
 
 def ramps(encoding: str = "32FC1", kind: str = "<f4") -> list[bytes]:
     return [IMAGE.encode(image_message((1000 * ramp(k)).astype(kind), encoding, k)) for k in range(COUNT)]
-
-
-def run(words: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(words), prog_name="tactape-fab")
 
 
 def answers(result: Result) -> list[dict[str, Any]]:

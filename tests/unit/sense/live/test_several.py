@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Barrier, Condition, Event
@@ -12,18 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from rosbags.highlevel import AnyReader
 
 from tactape_fab import Kit
 from tactape_fab.base.errors import SpecError, TactapeError
-from tactape_fab.cli import main
 from tactape_fab.sense import SensorProfile
 from tactape_fab.sense.files.jobs import Job, Locate
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.opening import Wanted, Wishes, open_watches
 from tactape_fab.sense.live.sources import Frame, Slot, Source, take_next
 from tactape_fab.sense.live.watch import Watch, watch_all
+from tests.commands import run
 from tests.live import JOB, at_once, ramp
 
 
@@ -152,10 +150,6 @@ def test_problems_of_all_sensors_come_together_with_their_names(small_kit: Kit, 
 
 
 # The command
-
-
-def run(arguments: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(arguments), prog_name="tactape-fab")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import re
-import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,16 +14,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 from tactape_fab import Kit
 from tactape_fab.base.errors import FrameError, Problem, SpecError
-from tactape_fab.cli import main
 from tactape_fab.sense import Scene, load_network, load_sensor, make_reconstruction, simulate_frames
 from tactape_fab.sense.files.jobs import Raw, prepare
 from tactape_fab.sense.raw.colour_images import open_reconstruction
 from tactape_fab.sense.raw.perceptron import BLOCK, of_pixels
 from tactape_fab.sense.raw.reconstruct import integrated, make_network, slopes_of
+from tests.commands import run
 from tests.contacts import TAPE
 from tests.raw_images import angles, features, image_of, plain_network, random_layers, tensors_of, weights_file
 
@@ -141,10 +140,6 @@ def test_what_is_no_image_of_the_sensor_is_refused(image: npt.ArrayLike) -> None
 
 
 # decode --raw
-
-
-def run(args: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
 def raw_folder(folder: Path, sensor: str, count: int) -> npt.NDArray[np.float64]:
