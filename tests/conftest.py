@@ -246,6 +246,13 @@ def panel_packed(once: Once) -> PanelKit:
     return panel
 
 
+@pytest.fixture(params=["panel_2", "panel_6"])
+def panel(request: pytest.FixtureRequest) -> PanelKit:
+    """A panel of either size; not to be changed."""
+    made: PanelKit = request.getfixturevalue(request.param)
+    return made
+
+
 @pytest.fixture(scope="session")
 def coupon_panel(once: Once) -> PanelKit:
     """The coupon of jlcpcb-fpc; not to be changed."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import tempfile
 from dataclasses import dataclass
 from functools import cache
@@ -24,6 +23,7 @@ from tactape_fab.sense.objects.tag_view import (
     texture_to_pixels,
 )
 from tactape_fab.texture.frames import FloatArray, board_to_picture, texture_to_board
+from tests.bench.localization_accuracy import tag_detector
 
 SIZE_PX = (1280, 960)
 FOCAL_PX = 1200.0
@@ -86,21 +86,11 @@ def photograph(of: Printed, rotation: FloatArray, translation_mm: FloatArray, rn
     return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
 
 
-@cache
-def _detector() -> Any:
-    """At the picture's full resolution, which small tags need; see `tactape_fab.verify.layers.legend.pupil_detector`."""
-    from pupil_apriltags import Detector
-
-    detector = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
-    atexit.register(setattr, detector, "tag_detector_ptr", None)
-    return detector
-
-
 def detected(tape: Tape, picture: Picture) -> tuple[FloatArray, FloatArray] | None:
     """The tag's pose by pupil-apriltags, whose pixels are integer at corners; None where it is not found."""
     assert tape.tag is not None
     parameters = (FOCAL_PX, FOCAL_PX, CAMERA[0, 2] + 0.5, CAMERA[1, 2] + 0.5)
-    found = _detector().detect(picture, estimate_tag_pose=True, camera_params=parameters, tag_size=tag_side_mm(tape))
+    found = tag_detector().detect(picture, estimate_tag_pose=True, camera_params=parameters, tag_size=tag_side_mm(tape))
     of = [one for one in found if one.tag_id == tape.tag.id and one.hamming == 0]
     return (np.asarray(of[0].pose_R), np.ravel(of[0].pose_t)) if of else None
 

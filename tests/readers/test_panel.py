@@ -40,12 +40,6 @@ json.dump({"places": places, "violations": re.findall(r"^\\\\[(\\\\w+)\\\\]:", t
 """
 
 
-@pytest.fixture(params=["panel_2", "panel_6"])
-def panel(request: pytest.FixtureRequest) -> PanelKit:
-    made: PanelKit = request.getfixturevalue(request.param)
-    return made
-
-
 def placed(panel: PanelKit) -> list[tuple[Tape, Any]]:
     """Tapes and offsets as the manifests say."""
     return [(tape, offset) for tape, offset, _ in lying(panel)]

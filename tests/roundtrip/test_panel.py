@@ -40,12 +40,6 @@ LETTERS = {(0, 1): "N", (0, -1): "S", (-1, 0): "W", (1, 0): "E"}
 """Symbols by the direction of the displacement on the board, y up."""
 
 
-@pytest.fixture(params=["panel_2", "panel_6"])
-def panel(request: pytest.FixtureRequest) -> PanelKit:
-    made: PanelKit = request.getfixturevalue(request.param)
-    return made
-
-
 def manifest_of(panel: PanelKit) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((panel.path / "manifest.json").read_bytes())
     return content

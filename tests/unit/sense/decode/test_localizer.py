@@ -31,11 +31,6 @@ def closed() -> Localizer:
     return Localizer([TAPE], world="closed")
 
 
-@pytest.fixture(scope="module")
-def depth() -> npt.NDArray[np.float32]:
-    return simulate(TAPE, POSE[0], POSE[1], seed=4)
-
-
 # Conventions
 
 

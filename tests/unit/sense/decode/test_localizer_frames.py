@@ -16,12 +16,6 @@ from tactape_fab.sense import ElasticContact, SensorProfile, load_sensor, simula
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import POSE, TAPE, R, dots, is_near
 
-
-@pytest.fixture(scope="module")
-def depth() -> npt.NDArray[np.float32]:
-    return simulate(TAPE, POSE[0], POSE[1], seed=4)
-
-
 # Contacts over the board's edge
 
 

@@ -23,7 +23,7 @@ from tactape_fab.base.templates import profile_names
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm, symbol_errors
-from tactape_fab.sense import Scene, draw_poses, simulate
+from tactape_fab.sense import Scene
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT, matrices_of, weigh_matrices
@@ -40,6 +40,7 @@ from tactape_fab.texture.touch.patches import PATCHES, patch_distances
 from tactape_fab.texture.windows import bit_count, windows_of
 from tactape_fab.verify.symbols import check_symbols, symbols_of_positions
 from tactape_fab.verify.trip.misplaced import explain
+from tests.unit.sense.decode.test_touch import contacts
 
 ANGLES_DEG = {"E": 0, "n": 45, "N": 90, "w": 135, "W": 180, "s": 225, "S": 270, "e": 315}
 """Each letter's direction, counter-clockwise as the tape is looked at."""
@@ -368,17 +369,12 @@ def test_the_search_finds_the_place_that_a_plain_sum_finds_and_weighs_all_others
 SCENE = Scene(contact_mm=(5.5, 5.5))
 
 
-def contacts(tape: Tape, count: int, seed: int, scene: Scene = SCENE) -> list[tuple[np.ndarray, np.ndarray]]:
-    poses = draw_poses(tape, count, seed, scene=scene)
-    return [(pose, simulate(tape, tuple(pose[:2]), pose[2], scene=scene, seed=seed + k)) for k, pose in enumerate(poses)]
-
-
 @pytest.mark.parametrize("world", ["open", "closed"])
 def test_contacts_are_located_in_their_place(world: str) -> None:
     tapes = [printed(1), printed(2)]
     localizer, located = Localizer(tapes, world=world), 0  # type: ignore[arg-type]
     for tape in tapes:
-        for pose, depth in contacts(tape, 12, 3):
+        for pose, depth in contacts(tape, 12, 3, SCENE):
             fix = localizer.locate(depth)
             if fix.located:
                 located += 1
@@ -400,7 +396,7 @@ def test_what_is_no_registered_tape_is_not_located() -> None:
     others = [printed(2), examine(TapeSpec(sector=1, size_mm=(40.0, 24.0), **(PRINTED | {"directions": 4}))).tape]
     others.append(examine(TapeSpec(sector=7, size_mm=(40.0, 24.0), pitch_mm=1.06, part="block")).tape)
     for other in others:
-        assert not any(localizer.locate(depth).located for _, depth in contacts(other, 10, 11))
+        assert not any(localizer.locate(depth).located for _, depth in contacts(other, 10, 11, SCENE))
     for _, depth in contacts(printed(1), 6, 13, replace(SCENE, mirrored_tape=True, contact_mm=(7.0, 7.0))):
         fix = localizer.locate(depth)
         assert not fix.located and "mirrored" in str(fix.reason)
