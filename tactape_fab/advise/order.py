@@ -120,9 +120,8 @@ def _contact(value: Any) -> tuple[float, str]:
     sides = list(value) if isinstance(value, (list, tuple)) else [value]
     if not (1 <= len(sides) <= 2 and all(isinstance(side, (int, float)) and 1.0 <= side <= 100.0 for side in sides)):
         shown = "x".join(map(str, sides))
-        raise SpecError(
-            Problem("contact", f"contact = {shown} is no size of a contact; give MM or WxH, 1 to 100 mm, such as 11x9")
-        )
+        message = f"contact = {shown} is no size of a contact; give MM or WxH, 1 to 100 mm, such as 11x9"
+        raise SpecError(Problem("contact", message))
     words = " x ".join(f"{side:g}" for side in sides) + " mm"
     # an ellipse of axes a and b has the area of a circle of diameter sqrt(a b)
     return round(sqrt(sides[0] * sides[-1]), 2), words

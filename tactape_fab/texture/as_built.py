@@ -153,9 +153,8 @@ class AsBuilt:
         nominal_mm = as_numbers(nominal_mm, (None, 2), "nominal_mm", "Tape.part_xy_mm() of the tape")
         n, at = len(nominal_mm), self.number - 1
         if len(at) and at[-1] >= n:
-            raise SpecError(
-                Problem("nominal_mm", f"nominal_mm has {n} parts, {self.tape} has more; give Tape.part_xy_mm() of it")
-            )
+            message = f"nominal_mm has {n} parts, {self.tape} has more; give Tape.part_xy_mm() of it"
+            raise SpecError(Problem("nominal_mm", message))
         # nobody looked at the others: they scatter as the measured ones do, and a few measured ones do not say how much
         unlisted = self.scatter_mm if self.present.sum() >= LEAST_MEASURED else 0.0
         # F p + d less p, with p as rows

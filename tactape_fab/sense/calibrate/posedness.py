@@ -58,9 +58,8 @@ def checked_frames(frames: Iterable[npt.ArrayLike]) -> tuple[list[Frame], list[s
             message = f"frame {k} is {h} x {w} px, the others are {height} x {width}; give frames of one sensor, all of one size"
             raise SpecError(Problem("frames", message))
         if k >= MOST_FRAMES:
-            raise SpecError(
-                Problem("frames", f"there are more than {MOST_FRAMES} frames; some ten presses are enough, give fewer")
-            )
+            message = f"there are more than {MOST_FRAMES} frames; some ten presses are enough, give fewer"
+            raise SpecError(Problem("frames", message))
         fault = frame_fault(image)
         if fault is not None:
             bad.append(f"frame {k} {fault}")

@@ -382,9 +382,8 @@ class Localizer:
                 raise SpecError(Problem("prior", message))
             return
         what = "method 'paper'" if self._method == "paper" else "a code without tapes"
-        raise SpecError(
-            Problem("prior", f"prior = {prior!r} cannot be used with {what}; leave it out, or register tapes with 'ml'")
-        )
+        message = f"prior = {prior!r} cannot be used with {what}; leave it out, or register tapes with 'ml'"
+        raise SpecError(Problem("prior", message))
 
     def _by_paper(self, image: npt.NDArray[np.float32]) -> Localization:
         from tactape_fab.sense.decode.paper import locate_paper

@@ -110,16 +110,16 @@ def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[Fram
             continue
         opened.append(file)
         if file.frame_shape != sensor.frame_shape:
-            (h, w), (height, width) = file.frame_shape, sensor.frame_shape
-            problems.append(
-                Problem(
-                    "frames",
-                    f"{shown_path(file.path)} holds frames of {h} x {w} px (height x width), those of sensor "
-                    f"'{sensor.name}' are {height} x {width}; give another sensor",
-                )
-            )
+            problems.append(other_shape(file.path, file.frame_shape, sensor))
     refuse(problems)
     return opened
+
+
+def other_shape(path: Path, shape: tuple[int, int], sensor: SensorProfile) -> Problem:
+    """The problem of frames of a shape that is not the sensor's."""
+    (h, w), (height, width) = shape, sensor.frame_shape
+    said = f"{shown_path(path)} holds frames of {h} x {w} px (height x width), those of sensor '{sensor.name}' are"
+    return Problem("frames", f"{said} {height} x {width}; give another sensor")
 
 
 def open_frame_file(path: str | Path) -> FrameFile:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, MissingLibraryError, Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.sense.files.depth_maps import other_shape
 from tactape_fab.sense.files.recording_kinds import BAG, DATASET, MCAP, OTHER_BAGS, Image, Stamped
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile
 
@@ -112,12 +113,8 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
     if not stamps:
         raise SpecError(Problem("frames", f"{shown_path(path)} holds no image of {shown(topic)}; give another --topic"))
     found = Recording(path=path, topic=topic, timestamp=np.array(stamps), frame_shape=shape, read=read, ours=ours and not colour)
-    expected = found.seen_by(sensor).frame_shape
-    if shape != expected:
-        message = (
-            f"{shown_path(path)} holds frames of {shape[0]} x {shape[1]} px (height x width), those of sensor '{sensor.name}' are"
-        )
-        raise SpecError(Problem("frames", f"{message} {expected[0]} x {expected[1]}; give another sensor"))
+    if shape != found.seen_by(sensor).frame_shape:
+        raise SpecError(other_shape(path, shape, found.seen_by(sensor)))
     return found
 
 

@@ -124,9 +124,8 @@ def simulate_file(
     if from_cpl and places not in ("design", "cpl"):
         problems.append(Problem("from", f"--from {places} and --from-cpl both name the parts' places; give one of them"))
     elif as_built is not None and places != "as-built":
-        problems.append(
-            Problem("as-built", "as-built is a file of measured places, and nothing asks for them; add --from as-built")
-        )
+        message = "as-built is a file of measured places, and nothing asks for them; add --from as-built"
+        problems.append(Problem("as-built", message))
     source = "cpl" if from_cpl else Fields({"from": places}, problems=problems).text("from", choices=PLACES, default="design")
     measured = NOMINAL if source != "as-built" else as_built
     tape = tried(partial(_tape, kit, measured), problems)

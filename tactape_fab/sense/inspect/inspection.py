@@ -152,9 +152,8 @@ def _problems(paths: Sequence[str | Path], dpi: float | None, tolerance_mm: floa
         if value is None and key == "dpi":
             continue
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            problems.append(
-                Problem(key, f"{key} = {shown(value)} is not from {low:g} to {high:g} {unit}; give a number of {unit}")
-            )
+            message = f"{key} = {shown(value)} is not from {low:g} to {high:g} {unit}; give a number of {unit}"
+            problems.append(Problem(key, message))
     return problems
 
 

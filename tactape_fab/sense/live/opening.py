@@ -179,19 +179,14 @@ def _source(
         message = f"source {shown_path(given)} cannot be opened: it is no regular file, as a film is; {_SOURCES}"
         problems.append(Problem("source", message))
     if rate_hz is not None and not (film or plain):
-        problems.append(
-            Problem(
-                "rate", f"rate = {shown(wishes.rate)} is for files of frames, which say themselves when they end; leave it out"
-            )
-        )
+        message = f"rate = {shown(wishes.rate)} is for files of frames, which say themselves when they end; leave it out"
+        problems.append(Problem("rate", message))
     if idle_s is not None and not folder:
-        problems.append(
-            Problem("idle", f"idle = {shown(wishes.idle)} is for folders, which nothing else tells when to stop; leave it out")
-        )
+        message = f"idle = {shown(wishes.idle)} is for folders, which nothing else tells when to stop; leave it out"
+        problems.append(Problem("idle", message))
     if crop is not None and wishes.raw and not (camera or film):
-        problems.append(
-            Problem("crop", f"crop = {shown(wishes.crop)} is for cameras; cut the images of a folder when they are written")
-        )
+        message = f"crop = {shown(wishes.crop)} is for cameras; cut the images of a folder when they are written"
+        problems.append(Problem("crop", message))
     if (camera or film) and not wishes.raw:
         message = f"a {'camera' if camera else 'film'} has colour images; give raw=True with background=FILE and weights=FILE"
         problems.append(Problem("raw", message))

@@ -66,9 +66,8 @@ def refuse_package(folder: Path) -> str:
         remedy = "use small letters, digits and single underscores, such as src/tactape_node"
         raise SpecError(Problem("package", f"package = {shown_path(folder)}: {name} is no name of a ROS package; {remedy}"))
     if folder.exists():
-        raise SpecError(
-            Problem("package", f"package = {shown_path(folder)} is there, and nothing is written over; give a new one")
-        )
+        message = f"package = {shown_path(folder)} is there, and nothing is written over; give a new one"
+        raise SpecError(Problem("package", message))
     return name
 
 

@@ -95,9 +95,8 @@ def camera_arrays(camera_matrix: npt.ArrayLike, distortion: npt.ArrayLike | None
     matrix = as_numbers(camera_matrix, (3, 3), "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     others = matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]]  # a skew, which OpenCV leaves out, and what a transposed matrix has
     if min(matrix[0, 0], matrix[1, 1]) <= 0.0 or (others != (0.0, 0.0, 0.0, 0.0, 1.0)).any():
-        raise SpecError(
-            Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is invalid; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-        )
+        message = f"camera_matrix = {matrix.tolist()} is invalid; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+        raise SpecError(Problem("camera_matrix", message))
     if distortion is None:
         return matrix, None
     remedy = "4, 5, 8, 12 or 14 coefficients as OpenCV's calibration has them, or leave it out"

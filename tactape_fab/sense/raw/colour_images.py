@@ -70,9 +70,8 @@ def open_reconstruction(
     from tactape_fab.sense.raw.reconstruct import load_network, make_reconstruction
 
     if background is None:
-        problems.append(
-            Problem("background", "colour images need an image of the gel that touches nothing; give background=FILE")
-        )
+        message = "colour images need an image of the gel that touches nothing; give background=FILE"
+        problems.append(Problem("background", message))
     if weights is None:
         problems.append(Problem("weights", "colour images need the .pth of the sensor's network; give weights=FILE"))
     untouched = None if background is None else tried(partial(_checked, Path(background), "background", sensor), problems)
@@ -93,9 +92,8 @@ def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
             return [path]
         found = [file for file in path.iterdir() if file.suffix.lower() in COLOUR_PICTURES]
     except (OSError, ValueError) as error:
-        problems.append(
-            Problem("raw", f"raw {shown_path(path)} cannot be read: {reason_of(error)}; give a PNG or JPEG, or a folder")
-        )
+        message = f"raw {shown_path(path)} cannot be read: {reason_of(error)}; give a PNG or JPEG, or a folder"
+        problems.append(Problem("raw", message))
         return []
     if not found:
         problems.append(Problem("raw", f"raw {shown_path(path)} is a folder without a PNG or JPEG; give images"))

@@ -125,9 +125,8 @@ def survey_files(
         # the camera is one unknown of all contacts
         scales = {file.px_per_mm or profile.px_per_mm for file in files}
         if len(scales) > 1:
-            problems.append(
-                Problem("frames", "the files are of sensors with different px/mm; survey them one by one with --from")
-            )
+            message = "the files are of sensors with different px/mm; survey them one by one with --from"
+            problems.append(Problem("frames", message))
         profile = replace(profile, px_per_mm=scales.pop())
     if output is not None and tape is not None:
         tried(lambda: refuse_other_kit(file_of(Path(output)), manifest_digest(find_manifest(kit)), "output"), problems)

@@ -141,11 +141,8 @@ def _check(tapes: Sequence[Tape], px_per_mm: float | None) -> None:
     if not all(has_plane(tape.code) for tape in tapes):
         problems.append(Problem("method", PLANELESS))
     if px_per_mm is not None and not _LEAST_SCALE <= px_per_mm <= _MOST_SCALE:
-        problems.append(
-            Problem(
-                "px_per_mm", f"px_per_mm = {px_per_mm} px/mm is not from {_LEAST_SCALE:g} to {_MOST_SCALE:g}; give the sensor's"
-            )
-        )
+        message = f"px_per_mm = {px_per_mm} px/mm is not from {_LEAST_SCALE:g} to {_MOST_SCALE:g}; give the sensor's"
+        problems.append(Problem("px_per_mm", message))
     refuse(problems)
 
 
