@@ -225,9 +225,9 @@ class _Joint:
 
     def arm_rows(self, z: FloatArray) -> FloatArray:
         """Residual of each pose of the arm, over its error, and the priors of both places."""
-        poses = z[OF_ALL:-12].reshape(-1, OF_PRESS)[self.which]
-        left = misfits(self.arm, poses, self.origin, z[-12:]) / self.sigmas
-        return np.concatenate([left.ravel(), z[-12:-9] / FAR_MM, z[-6:-3] / FAR_MM])
+        poses = z[..., OF_ALL:-12].reshape(*z.shape[:-1], -1, OF_PRESS)[..., self.which, :]
+        left = misfits(self.arm, poses, self.origin, z[..., -12:]) / self.sigmas
+        return np.concatenate([left.reshape(*z.shape[:-1], -1), z[..., -12:-9] / FAR_MM, z[..., -6:-3] / FAR_MM], axis=-1)
 
     def derivative(self, z: FloatArray) -> csr_matrix:
         entries = rows_of(self.problem, self.white, z[:-12])[1]
@@ -237,9 +237,8 @@ class _Joint:
         columns = np.array([*poses, *range(self.count, self.count + 12)])
         step = 1e-6
         # central differences of dense rows, which are few: 6 a pose
-        by = np.stack(
-            [(self.arm_rows(z + d) - self.arm_rows(z - d)) / (2 * step) for d in step * np.eye(len(z))[columns]], axis=1
-        )
+        steps = step * np.eye(len(z))[columns]
+        by = (self.arm_rows(z + steps) - self.arm_rows(z - steps)).T / (2 * step)
         rows = np.repeat(np.arange(len(by)), len(columns))
         own = csr_matrix((by.ravel(), (rows, np.tile(columns, len(by)))), shape=(len(by), self.count + 12))
         empty = csr_matrix((seen.shape[0], 12))
@@ -247,9 +246,10 @@ class _Joint:
 
 
 def matrix_of(values: FloatArray) -> FloatArray:
-    """Homogeneous matrix of a translation (mm) and a rotation vector (rad)."""
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = Rotation.from_rotvec(values[3:]).as_matrix(), values[:3]
+    """Homogeneous matrix of a translation (mm) and a rotation vector (rad); (..., 6) to (..., 4, 4)."""
+    out = np.zeros((*values.shape[:-1], 4, 4))
+    out[..., :3, :3] = Rotation.from_rotvec(values[..., 3:].reshape(-1, 3)).as_matrix().reshape(*values.shape[:-1], 3, 3)
+    out[..., :3, 3], out[..., 3, 3] = values[..., :3], 1.0
     return out
 
 
@@ -282,28 +282,42 @@ def _drawn(sensor_to_flange: FloatArray, left: FloatArray, arm_rad: FloatArray) 
 
 
 def on_tape(poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
-    """Sensor on the tape's board from x, y (texture frame) and theta (docs/frames.md); (m, 4, 4)."""
-    out = np.zeros((len(poses), 4, 4))
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    """Sensor on the tape's board from x, y (texture frame) and theta (docs/frames.md); (..., 3) to (..., 4, 4)."""
+    out = np.zeros((*poses.shape[:-1], 4, 4))
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
     # R(theta) of the texture frame with its second row negated, as board y is up; z goes into the tape, so that the determinant
     # is 1
-    out[:, 0, 0], out[:, 0, 1], out[:, 1, 0], out[:, 1, 1] = c, s, s, -c
-    out[:, 2, 2], out[:, 3, 3] = -1.0, 1.0
-    out[:, 0, 3], out[:, 1, 3] = origin_mm[0] + poses[:, 0], origin_mm[1] - poses[:, 1]
+    out[..., 0, 0], out[..., 0, 1], out[..., 1, 0], out[..., 1, 1] = c, s, s, -c
+    out[..., 2, 2], out[..., 3, 3] = -1.0, 1.0
+    out[..., 0, 3], out[..., 1, 3] = origin_mm[0] + poses[..., 0], origin_mm[1] - poses[..., 1]
     return out
 
 
 def misfits(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray, both: FloatArray) -> FloatArray:
-    """Where the arm has the sensor, in the frame of where the tape has it: translation (mm) and turn (rad); (m, 6)."""
+    """Where the arm has the sensor, in the frame of where the tape has it: translation (mm) and turn (rad).
+
+    poses (..., m, 3), both (..., 12): The answer is (..., m, 6).
+    """
     # P = Y^-1 B X by the arm, and P^-1 of the tape's answer before it
-    by_arm = np.linalg.inv(matrix_of(both[6:])) @ arm @ matrix_of(both[:6])
-    off = np.linalg.inv(on_tape(poses, origin_mm)) @ by_arm
-    return np.concatenate([off[:, :3, 3], Rotation.from_matrix(off[:, :3, :3]).as_rotvec()], axis=1)
+    inverse, of_sensor = np.linalg.inv(matrix_of(both[..., 6:])), matrix_of(both[..., :6])
+    off = np.linalg.inv(on_tape(poses, origin_mm)) @ (inverse[..., None, :, :] @ arm @ of_sensor[..., None, :, :])
+    turns = Rotation.from_matrix(off[..., :3, :3].reshape(-1, 3, 3)).as_rotvec().reshape(*off.shape[:-2], 3)
+    return np.concatenate([off[..., :3, 3], turns], axis=-1)
 
 
 def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
     """Both transforms roughly: the best of several starts, which differ in the turns that flat presses leave open."""
     seen = on_tape(poses, origin_mm)
+    prior, steps = np.eye(12)[[0, 1, 2, 6, 7, 8]] / FAR_MM, 1e-6 * np.eye(12)
+
+    def rows(z: FloatArray) -> FloatArray:
+        return np.concatenate([(misfits(arm, poses, origin_mm, z) / SIGMAS).ravel(), prior @ z])
+
+    # all unknowns are moved in one call: one by one they took most of the time
+    def derivative(z: FloatArray) -> FloatArray:
+        either = misfits(arm, poses, origin_mm, z + steps) - misfits(arm, poses, origin_mm, z - steps)
+        return np.concatenate([(either / (2e-6 * SIGMAS)).reshape(12, -1).T, prior])
+
     best, least = np.zeros(12), np.inf
     for k in range(_STARTS):
         for flip in (0.0, pi):
@@ -314,12 +328,7 @@ def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatAr
             base = arm[0] @ guess @ np.linalg.inv(seen[0])
             at = np.concatenate([[0.0, 0.0, 0.0], Rotation.from_matrix(guess[:3, :3]).as_rotvec()])
             at = np.concatenate([at, base[:3, 3], Rotation.from_matrix(base[:3, :3]).as_rotvec()])
-
-            def rows(z: FloatArray) -> FloatArray:
-                left = misfits(arm, poses, origin_mm, z) / SIGMAS
-                return np.concatenate([left.ravel(), z[:3] / FAR_MM, z[6:9] / FAR_MM])
-
-            found = least_squares(rows, at, max_nfev=40)
+            found = least_squares(rows, at, derivative, max_nfev=40)
             if found.cost < least:
                 best, least = found.x, found.cost
     # the search may end whole turns on, where a rotation vector's covariance says something else
