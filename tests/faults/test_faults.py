@@ -26,11 +26,17 @@ def spread(count: int) -> list[int]:
     return sorted({1 + (2 * i + 1) * count // (2 * TRIED) for i in range(TRIED)} & set(range(1, count + 1)))
 
 
+@pytest.fixture(scope="module", params=CASES)
+def case(request: pytest.FixtureRequest, kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """A case that ran once: what is imported and compiled at the first use is there."""
+    found: Case = CASES[request.param]
+    found.run(prepared(found, kit, tmp_path_factory.mktemp("first") / "here"))
+    return found
+
+
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", CASES)
-def test_a_failing_call_leaves_the_old_or_the_new(name: str, kind: str, kit: Kit, tmp_path: Path) -> None:
-    case, folder = CASES[name], tmp_path / "here"
-    case.run(prepared(case, kit, folder))  # what is imported and compiled at the first use
+def test_a_failing_call_leaves_the_old_or_the_new(case: Case, kind: str, kit: Kit, tmp_path: Path) -> None:
+    folder = tmp_path / "here"
     before = state(prepared(case, kit, folder))
     count = calls(kind, case.run, folder)
     after = state(folder)
