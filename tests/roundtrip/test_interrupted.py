@@ -61,15 +61,20 @@ class Killed:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Files]:
-    """The only two kits that may ever be found, by sector; `make` has verified both."""
+def kits(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The new kit and the old one, by sector; `make` has verified both. Not to be changed."""
     folder = tmp_path_factory.mktemp("whole")
-    kits = [make_kit(TapeSpec(sector=sector, size_mm=SIZE_MM), folder / str(sector)) for sector in (NEW, OLD)]
-    return {kit.tape.sector: contents(kit.path) for kit in kits}
+    return {sector: make_kit(TapeSpec(sector=sector, size_mm=SIZE_MM), folder / str(sector)).path for sector in (NEW, OLD)}
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory, whole: dict[int, Files]) -> list[Killed]:
+def whole(kits: dict[int, Path]) -> dict[int, Files]:
+    """The only two kits that may ever be found, by sector."""
+    return {sector: contents(path) for sector, path in kits.items()}
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory, kits: dict[int, Path], whole: dict[int, Files]) -> list[Killed]:
     """Runs, two at a time, killed at random moments.
 
     Every other one stands over an older kit. Half of the moments count from the start of the process, half from the start
@@ -77,15 +82,13 @@ def killed(tmp_path_factory: pytest.TempPathFactory, whole: dict[int, Files]) ->
     """
     root = tmp_path_factory.mktemp("killed")
     chance = random.Random(20240607)
-    old = make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), root / "old")
-
     lasted_s: list[float] = []
 
     def run_one(name: str, span: tuple[float, float] | None, *, had_old: bool = False, from_build: bool = False) -> Killed:
         folder = root / name
         folder.mkdir()
         if had_old:
-            shutil.copytree(old.path, folder / "tape")
+            shutil.copytree(kits[OLD], folder / "tape")
         begin = time.perf_counter()
         run = start_make(folder)
         if from_build:
@@ -148,9 +151,8 @@ def test_what_a_kill_leaves_behind_is_never_taken_for_a_kit(killed: list[Killed]
                 Tape.load(path)
 
 
-def test_an_unfinished_folder_is_no_kit_however_far_it_came(tmp_path: Path) -> None:
-    kit = make_kit(TapeSpec(sector=NEW, size_mm=SIZE_MM), tmp_path / "tape")
-    stray = kit.path.rename(tmp_path / ".tape.abc.partial")
+def test_an_unfinished_folder_is_no_kit_however_far_it_came(tmp_path: Path, kits: dict[int, Path]) -> None:
+    stray = Path(shutil.copytree(kits[NEW], tmp_path / ".tape.abc.partial"))
     (tmp_path / "link").symlink_to(stray)
     for path in (stray, stray / "manifest.json", tmp_path / "link"):
         result = CliRunner().invoke(main, ["verify", str(path)])
@@ -176,15 +178,13 @@ def stop_in_the_middle(folder: Path, number: int, after_s: float) -> int:
 
 @pytest.mark.parametrize(("number", "statuses"), [(signal.SIGINT, {1, 130}), (signal.SIGTERM, {143}), (signal.SIGHUP, {129})])
 def test_a_run_that_is_asked_to_stop_leaves_nothing_behind(
-    number: signal.Signals, statuses: set[int], tmp_path: Path, whole: dict[int, Files]
+    number: signal.Signals, statuses: set[int], tmp_path: Path, kits: dict[int, Path], whole: dict[int, Files]
 ) -> None:
-    old = make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), tmp_path / "old")
-
     def stop(after_s: float, had_old: bool) -> int:
         folder = tmp_path / f"{after_s} {had_old}"
         folder.mkdir()
         if had_old:
-            shutil.copytree(old.path, folder / "tape")
+            shutil.copytree(kits[OLD], folder / "tape")
         status = stop_in_the_middle(folder, number, after_s)
         assert [p.name for p in folder.iterdir() if p.name != "tape"] == []
         found = contents(folder / "tape") if (folder / "tape").exists() else None
@@ -200,8 +200,10 @@ def test_a_run_that_is_asked_to_stop_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize("call", ["mkdir", "unlink", "rmdir"])
-def test_a_signal_between_two_calls_leaves_nothing_behind(call: str, tmp_path: Path, whole: dict[int, Files]) -> None:
-    make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), tmp_path / "tape")
+def test_a_signal_between_two_calls_leaves_nothing_behind(
+    call: str, tmp_path: Path, kits: dict[int, Path], whole: dict[int, Files]
+) -> None:
+    shutil.copytree(kits[OLD], tmp_path / "tape")
     real = getattr(os, call)
     pending = [signal.SIGINT]
 
