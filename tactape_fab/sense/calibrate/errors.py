@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dposv, dtrtrs
+from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import minimize
 
 from tactape_fab.sense.calibrate.presses import Press
@@ -44,10 +44,11 @@ def covariance(press: Press, errors: Errors, apart_mm2: FloatArray | None = None
     """
     # the power 7/8 of the missing weight, squared
     own = errors.dot_mm**2 / np.sqrt(press.weights) + RIM_MM**2 * (1.0 - press.weights) ** 1.75
-    out: FloatArray = np.diag(own)
-    if errors.gel_mm > 0.0:
-        apart_mm2 = _apart_mm2(press) if apart_mm2 is None else apart_mm2
-        out += errors.gel_mm**2 * np.exp(apart_mm2 / (-2.0 * errors.correlation_mm**2))
+    if errors.gel_mm == 0.0:
+        return np.diag(own)
+    apart_mm2 = _apart_mm2(press) if apart_mm2 is None else apart_mm2
+    out: FloatArray = errors.gel_mm**2 * np.exp(apart_mm2 / (-2.0 * errors.correlation_mm**2))
+    out.flat[:: len(own) + 1] += own
     return out
 
 
@@ -143,24 +144,25 @@ def _minus_ln_likelihood(presses: Sequence[_Rows], errors: Errors, precision: Fl
     """Of the restricted likelihood, up to a constant; presses are eliminated one by one."""
     # -2 ln L = ln |V| + ln |A^T V^-1 A| + r^T V^-1 r - (A^T V^-1 r)^T (A^T V^-1 A)^-1 (A^T V^-1 r), A the derivatives with those
     # of the priors: as if the residuals were fitted anew for each V, and less what the unknowns take of them
-    normal, right = precision.copy(), np.zeros(len(precision))
-    own, shared = slice(len(own_precision)), slice(len(own_precision), -1)
-    total = 0.0
+    count, total = len(own_precision), 0.0
+    # derivatives by the shared unknowns, and what is left in the last row and column, without what a press's own take of them
+    reduced = np.zeros((len(precision) + 1, len(precision) + 1))
+    reduced[:-1, :-1] = precision
     for each in presses:
-        lower = np.linalg.cholesky(covariance(each.press, errors, each.apart_mm2))
+        # LAPACK's own call: numpy's looks at what it is given for as long as it computes
+        lower = dpotrf(covariance(each.press, errors, each.apart_mm2), lower=1, clean=0)[0]
         total += 4.0 * float(np.log(lower.diagonal()).sum())  # ln of both determinants
         # rows are dots and axes, the last column is what is left
         white = dtrtrs(lower, each.columns, lower=1)[0].reshape(2 * len(lower), -1)
         products = white.T @ white
-        inner = products[own, own] + own_precision
-        factor, lean, failed = dposv(inner, products[own, len(own_precision) :], lower=1)
+        factor, lean, failed = dposv(products[:count, :count] + own_precision, products[:count, count:], lower=1)
         # not positive definite: a press's own unknowns are open, and no minimum is there
         if failed:
             return inf
-        total += float(products[-1, -1] - products[-1, own] @ lean[:, -1] + 2.0 * np.log(factor.diagonal()).sum())
-        normal += products[shared, shared] - products[shared, own] @ lean[:, :-1]
-        right += products[shared, -1] - products[shared, own] @ lean[:, -1]
-    total += float(np.linalg.slogdet(normal)[1]) - float(right @ np.linalg.solve(normal, right))
+        total += 2.0 * float(np.log(factor.diagonal()).sum())
+        reduced += products[count:, count:] - products[count:, :count] @ lean
+    normal, right = reduced[:-1, :-1], reduced[:-1, -1]
+    total += float(reduced[-1, -1] + np.linalg.slogdet(normal)[1] - right @ np.linalg.solve(normal, right))
     return total / 2.0
 
 
