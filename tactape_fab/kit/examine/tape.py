@@ -177,7 +177,7 @@ def examine(
         tape=tape,
         film=film,
         profiles=profiles,
-        findings=(*findings, *_window_findings(certificate), *_origin_findings(tape)),
+        findings=(*findings, *_window_findings(certificate, searched=search is not None), *_origin_findings(tape)),
         certificate=certificate,
         search=search,
         avoided=tuple(t.name for t in avoid),
@@ -390,7 +390,7 @@ def _origin_findings(tape: Tape) -> list[Finding]:
     return [Finding(rule="origin", level="warn", passed=False, unit="", message=message)]
 
 
-def _window_findings(certificate: Certificate) -> list[Finding]:
+def _window_findings(certificate: Certificate, *, searched: bool) -> list[Finding]:
     """Warning if 4x4 windows are equal: a contact that shows nothing else cannot tell these places apart."""
     # 4 x 4 is the window that the paper decodes (section III-A.4)
     size = certificate.of_side(4)
@@ -399,6 +399,7 @@ def _window_findings(certificate: Certificate) -> list[Finding]:
     count = f"{size.pairs} pair{'s' * (size.pairs != 1)} of 4x4 windows read{'s' * (size.pairs == 1)} the same"
     enough = certificate.distinct_side
     contact = "larger contacts" if enough is None else f"contacts of at least {enough} x {enough} parts"
-    remedy = get_code(certificate.tape.code).another
+    # the best origin was searched for already: the search would find it again
+    remedy = "a smaller --size" if searched else get_code(certificate.tape.code).another
     message = f"{count}, first {pair_words(certificate.tape, size, 0)}; rely on {contact}, or use {remedy}"
     return [Finding(rule="windows", level="warn", passed=False, unit="", message=message)]

@@ -238,3 +238,10 @@ def test_a_tape_that_shows_a_part_of_its_sector_s_default_tape_is_told(origin: t
     spec = TapeSpec(sector=7, origin=origin, size_mm=(50.0, 30.0), models=False)
     found = [f for f in examine(spec).findings if f.rule == "origin"]
     assert len(found) == said and all("--origin best" in f.message for f in found)
+
+
+@pytest.mark.parametrize(("origin", "remedy"), [({}, "--origin best"), ({"origin": "best"}, "a smaller --size")])
+def test_equal_windows_have_a_remedy_that_was_not_taken_yet(origin: dict[str, str], remedy: str) -> None:
+    found = examine({"sector": 0, "code": "debruijn-4x4", "size_mm": [300.0, 200.0], "models": False, **origin}).findings
+    (said,) = [f.message for f in found if f.rule == "windows"]
+    assert said.endswith(f"rely on contacts of at least 5 x 5 parts, or use {remedy}")
