@@ -105,6 +105,7 @@ def calibrate_sensor(
     if valid is not None and valid.mean() < LEAST_SHARE:
         message = f"only {100 * valid.mean():.1f} % of the pixels change from frame to frame; give frames of different presses"
         raise SpecError(Problem("frames", message))
+    all_images = images  # a known direction may be that of a repeated frame, which is emptied now
     images, repeats = without_repeats(images)
     bad += repeats
     known = None if known_theta is None else _known(known_theta, len(images))
@@ -116,7 +117,7 @@ def calibrate_sensor(
     valid = with_depth(valid, start)
     rough = with_mask(rough, valid)
     if known is not None:
-        rough = _turned(images, registered, rough, known, valid)
+        rough = _turned(all_images, registered, rough, known, valid)
     # the order: orientation and rough scale by which frames are located at all, the camera, and only then what rests on the
     # camera
     presses, bundle, estimate, empty = _adjusted(images, registered, rough, bad)

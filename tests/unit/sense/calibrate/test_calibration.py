@@ -278,6 +278,10 @@ def test_a_frame_that_is_there_twice_counts_once() -> None:
     assert found.quantities == once.quantities and len(found.presses) == 10
     said = "4 frames are earlier ones again, value by value (frame 10 is frame 0); what is there twice counts once"
     assert said in found.remarks
+    # a repeated frame's known direction is that of the frame; it was refused as one without dots
+    seen = r"known_theta = 10,65: the frame is said to be at 65 deg and seen at"
+    with pytest.raises(SpecError, match=seen):
+        calibrate_sensor([*frames, frames[0]], [TAPE], TRUE, known_theta=(10, 65.0))
     few = r"only 3 presses of 12 frames can be used, and a calibration needs 6; .*; 9 frames are earlier ones again, value"
     with pytest.raises(SpecError, match=few):
         calibrate_sensor([*frames[:3]] * 4, [TAPE], TRUE)
