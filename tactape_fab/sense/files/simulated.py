@@ -89,7 +89,7 @@ def simulate_file(
     pose: object = None,
     edge: bool = False,
     from_cpl: bool = False,
-    places: str = "design",
+    places: str | None = None,
     as_built: str | None = None,
     progress: Progress = lambda *_: None,
     **scene: Any,
@@ -102,8 +102,8 @@ def simulate_file(
     pose: x mm, y mm, theta deg of every frame; poses spread over the tape when left out.
     edge: Spread them along the texture's edge.
     from_cpl: Take the places of parts from the kit's pick-and-place file; the same as ``places="cpl"``.
-    places {"design", "cpl", "as-built"}: Where the places of parts come from: the design, the kit's pick-and-place file, or what
-        was measured of the tape.
+    places {"design", "cpl", "as-built"}: Where the places of parts come from: the design, which None is, the kit's pick-and-place
+        file, or what was measured of the tape.
     as_built: File of measured places instead of the kit's as-built.json.
     progress: Called with a text, the number of frames done and their total.
     **scene: contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, noise_model, placement, elastomer,
@@ -121,12 +121,13 @@ def simulate_file(
     problems = table.problems + edge_problems(edge, pose, "--pose")
     how = tried(lambda: _scene(scene), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
-    if from_cpl and places not in ("design", "cpl"):
+    if from_cpl and places not in (None, "cpl"):
         problems.append(Problem("from", f"--from {places} and --from-cpl both name the parts' places; give one of them"))
     elif as_built is not None and places != "as-built":
         message = "as-built is a file of measured places, and nothing asks for them; add --from as-built"
         problems.append(Problem("as-built", message))
-    source = "cpl" if from_cpl else Fields({"from": places}, problems=problems).text("from", choices=PLACES, default="design")
+    named = Fields({"from": "cpl" if from_cpl else "design" if places is None else places}, problems=problems)
+    source = named.text("from", choices=PLACES, default="design")
     measured = NOMINAL if source != "as-built" else as_built
     tape = tried(partial(_tape, kit, measured), problems)
     parts = None if tape is None else tried(partial(_parts_from, source, tape, kit), problems)

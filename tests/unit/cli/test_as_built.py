@@ -66,6 +66,7 @@ def test_a_file_elsewhere_is_taken_in_place_of_the_kits_own(kit: Path) -> None:
         ("decode frames.npz --code microdots-4x4 --as-built kit", "none is there; give its kit with --tape, too"),
         ("simulate kit -o frames.npz --from nowhere", "from = 'nowhere' is none of"),
         ("simulate kit -o frames.npz --from as-built --from-cpl", "give one of them"),
+        ("simulate kit -o frames.npz --from design --from-cpl", "give one of them"),
         ("simulate kit -o frames.npz --as-built other.json", "add --from as-built"),
         ("simulate kit -o frames.npz --from as-built --as-built other.json", "or leave out --from and --as-built for"),
         ("simulate kit -o frames.npz --from as-built --as-built none", "nobody measured tactape-s007"),
