@@ -97,10 +97,9 @@ def inset_mm(xy_mm: FloatArray, size_mm: tuple[float, float], corner_radius_mm: 
     half = np.array(size_mm) / 2
     # the outline is the rectangle that is smaller by the radius on each side, grown by it: distance to that rectangle, negative
     # inside, less the radius
-    beyond = np.abs(xy_mm - half) - (half - corner_radius_mm)
-    outside = np.hypot(*np.moveaxis(np.maximum(beyond, 0.0), -1, 0))
-    inside = np.minimum(beyond.max(axis=-1), 0.0)
-    inset: FloatArray = corner_radius_mm - outside - inside
+    x, y = np.moveaxis(np.abs(xy_mm - half) - (half - corner_radius_mm), -1, 0)
+    # of two arrays: the largest along an axis of two takes numpy many times as long
+    inset: FloatArray = corner_radius_mm - np.hypot(np.maximum(x, 0.0), np.maximum(y, 0.0)) - np.minimum(np.maximum(x, y), 0.0)
     return inset
 
 
