@@ -98,6 +98,34 @@ class Places(NamedTuple):
     whole: BoolArray
 
 
+@cache
+def turned(columns: int, rows: int, nodes: bytes, q: bytes) -> list[tuple[FloatArray, list[tuple[slice, slice]], IntArray]]:
+    """Of each quarter turn what dots say in each state of a place's bits, where on the tape, and how many do at each place.
+
+    It is the same for all sectors.
+    """
+    found = []
+    k, j = np.frombuffer(nodes, dtype=np.int64).reshape(-1, 2).T
+    shares = np.frombuffer(q).reshape(-1, 4)
+    for turn in range(4):
+        cells = np.stack([(k, j), (j, -k), (-k, -j), (-j, k)][turn], axis=1)
+        cells = cells - cells.min(axis=0)
+        e, s, w, n = np.roll(shares, -turn, axis=1).T
+        x_said, y_said = np.log(2 * np.stack([e + n, w + s])), np.log(2 * np.stack([n + w, e + s]))
+        said = np.zeros((len(cells), 5))  # nothing where no part is placed
+        said[:, :4] = (x_said[:, None] + y_said[None, :]).reshape(4, -1).T
+        wide, high = (int(v) for v in cells.max(axis=0) + 1)
+        count = np.zeros((rows + high - 1, columns + wide - 1), dtype=int)
+        at = [
+            np.s_[high - 1 - row : high - 1 - row + rows, wide - 1 - column : wide - 1 - column + columns]
+            for column, row in cells
+        ]
+        for each in at:
+            count[each] += 1
+        found.append((said, at, count))
+    return found
+
+
 def enumerate_places(tape: Tape, sector: int, nodes: IntArray, q: FloatArray, *, overhang: bool = True) -> Places:
     """Every place by the definition: planes of bits shifted by each dot's cell, and added."""
     found = []
@@ -107,21 +135,11 @@ def enumerate_places(tape: Tape, sector: int, nodes: IntArray, q: FloatArray, *,
     else:
         x_bits, y_bits = bits_at(tape.code, sector, columns + tape.origin[0], rows + tape.origin[1])
     states = np.where(tape.placed, 2 * (x_bits > 0) + (y_bits > 0), 4)
-    for turn in range(4):
-        k, j = nodes.T
-        cells = np.stack([(k, j), (j, -k), (-k, -j), (-j, k)][turn], axis=1)
-        cells = cells - cells.min(axis=0)
-        e, s, w, n = np.roll(q, -turn, axis=1).T
-        x_said, y_said = np.log(2 * np.stack([e + n, w + s])), np.log(2 * np.stack([n + w, e + s]))
-        said = np.zeros((len(cells), 5))  # of each dot, in each state of a place's bits; nothing where no part is placed
-        said[:, :4] = (x_said[:, None] + y_said[None, :]).reshape(4, -1).T
-        wide, high = (int(v) for v in cells.max(axis=0) + 1)
-        total = np.zeros((tape.rows + high - 1, tape.columns + wide - 1))
-        count = np.zeros(total.shape, dtype=int)
-        for i, (column, row) in enumerate(cells):
-            at = np.s_[high - 1 - row : high - 1 - row + tape.rows, wide - 1 - column : wide - 1 - column + tape.columns]
-            total[at] += said[i].take(states)
-            count[at] += 1
+    for turn, (said, at, count) in enumerate(turned(tape.columns, tape.rows, nodes.tobytes(), q.tobytes())):
+        total = np.zeros(count.shape)
+        for of_dot, each in zip(said, at, strict=True):
+            total[each] += of_dot.take(states)
+        high, wide = count.shape[0] - tape.rows + 1, count.shape[1] - tape.columns + 1
         y, x = np.nonzero(count >= LEAST_DOTS)
         whole = (x >= wide - 1) & (x < tape.columns) & (y >= high - 1) & (y < tape.rows)
         kept = whole | overhang
