@@ -260,7 +260,7 @@ def _read_kit(kit: Path, table: Fields) -> Tape | None:
         return None
     tape = entries[0].tape
     if tape.surface is not None:
-        table.problem("kit", f"kit = {shown_path(kit)} stands on a part of its own, not on a film; give the kit of a tape")
+        table.problem("kit", f"kit = {shown_path(kit)} stands on a part of its own, not on a film; give a kit of a film")
         return None
     return tape
 

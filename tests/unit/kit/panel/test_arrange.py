@@ -90,7 +90,11 @@ CASES: list[tuple[str, int, str]] = [
     ("--sectors 7,x --panel auto", USAGE, "holds 'x', which is neither a sector nor a range"),
     ("--sectors 254-257 --panel auto", USAGE, "outside 0 to 255; the code has 256 sectors"),
     ("--sector 7 --sectors 7,8 --panel auto", USAGE, "--sectors = '7,8' and --sector = 7 are given; give one of them"),
-    ("--sectors 7,8 --same-sector --panel auto", USAGE, "same_sector repeats one sector, but sectors names"),
+    (
+        "--sectors 7,8 --same-sector --panel auto",
+        USAGE,
+        "--same-sector contradicts --sectors = '7,8', one for each tape; give --sector N in their place",
+    ),
     ("--sector 7 --same-sector", USAGE, "--same-sector is of a panel, and none is asked for; give --panel"),
     ("--sector 7 --panel none --tabs y", USAGE, "tabs is of a panel, but --panel = 'none'; leave out --tabs"),
     (

@@ -143,7 +143,7 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"holes_mm": [[10.0, 10.0, 0.0]]}, "holes_mm[0][2]", "holes_mm[0][2] = 0 mm is not above 0 mm"),
     ({"holes_mm": [[99.5, 10.0, 2.0]]}, "holes_mm[0]", "holes_mm[0] = 99.5,10,2 mm does not lie inside the outline 100 x 50 mm"),
     ({"name": "a/b"}, "name", "name = 'a/b' has a form that cannot be used; use 1 to 64 letters"),
-    ({"name": ".hidden"}, "name", "name = '.hidden' has a form that cannot be used"),
+    ({"name": ".hidden"}, "name", "digits, '.', '_', '-', a letter or digit first"),
     ({"name": "x" * 65}, "name", "has a form that cannot be used"),
     ({"size_mm": "100x50"}, "size_mm", "such as 100x50, or [100, 50] in TOML and Python"),
     ({"part": "block", "body_mm": "0.8x0.4"}, "body_mm", "or [LENGTH, WIDTH, HEIGHT] in TOML and Python"),

@@ -6,6 +6,8 @@ import json
 from dataclasses import replace
 from math import cos, pi, radians, sin
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -311,3 +313,13 @@ def test_decode_says_what_is_wrong_with_an_object(small_kit: Kit, frames: Path, 
     beside = CliRunner().invoke(main, ["decode", str(frames), "--object", str(write(tmp_path, small_kit, FLAT)), "--w", "1.5"])
     assert beside.exit_code == 2 and "--w and --object are given, but an object's kits say all of it" in beside.stderr
     assert run.exit_code == 2 and "tapes is empty; give a [[tapes]] for each tape on the object" in run.stderr
+
+
+def test_a_part_of_its_own_is_refused_with_what_to_give_instead(
+    small_kit: Kit, frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    surface: Any = object()
+    entry = SimpleNamespace(tape=replace(small_kit.tape, surface=surface))
+    monkeypatch.setattr("tactape_fab.sense.objects.taped_object.read_registered", lambda _: [entry])
+    run = CliRunner().invoke(main, ["decode", str(frames), "--object", str(write(tmp_path, small_kit, FLAT))])
+    assert "stands on a part of its own, not on a film; give a kit of a film\n" in run.stderr
