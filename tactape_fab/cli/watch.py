@@ -40,7 +40,7 @@ Output = Callable[["Located", str], bool]
 @click.argument("more", nargs=-1, metavar="")
 @partial(locating_options, sensor=SENSORS)
 @click.option("--rate", multiple=True, metavar="HZ|max", help="Rate of a file of frames.  [default: its timestamps', or 25]")
-@click.option("--idle", metavar="S", help="End when a folder has had no new file for so long.  [default: never]")
+@click.option("--idle", multiple=True, metavar="S", help="End when a folder has had no new file for so long.  [default: never]")
 @click.option("--count", metavar="N", help="End after so many answers.  [default: never]")
 @click.option("--no-drop", is_flag=True, help="Let frames wait instead of dropping all but the latest.")
 @click.option("--raw", is_flag=True, help="SOURCE has colour images of the gel: a camera, a film, or a folder.")
@@ -72,8 +72,8 @@ def watch(
     SOURCE is a folder that files of frames are written into, a file of frames to replay, - for .npy arrays on standard input, or
     with --raw a camera: /dev/video0, or "usb:GelSight Mini" by its name. Ctrl-C ends it.
 
-    Several sensors have --sensor NAME=SENSOR:SOURCE each, and no SOURCE; --rate, --background, --weights and --crop take
-    NAME=VALUE for one of them.
+    Several sensors have --sensor NAME=SENSOR:SOURCE each, and no SOURCE; --rate, --idle, --background, --weights and --crop
+    take NAME=VALUE for one of them.
 
     \b
     Example: tactape-fab watch frames --tape tactape-s007 --json
@@ -121,7 +121,9 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
     from tactape_fab.texture.packed import is_packed
 
     named = [found for text in sensors if (found := _NAMED.fullmatch(text))]
-    misnamed = [text for text in sensors if not _NAMED.fullmatch(text) and re.fullmatch(r"[^=/]*=[^:]+:.+", text)]
+    # a path may hold an equals sign; beside a sensor that has a name, what is before one is a name
+    form = r"[^=]*=[^:]+:.+" if named else r"[^=/]*=[^:]+:.+"
+    misnamed = [text for text in sensors if not _NAMED.fullmatch(text) and re.fullmatch(form, text)]
     if misnamed:
         remedy = "use a letter, then letters, digits and _, 32 at most, such as left_hand=digit:frames"
         message = f"sensor = {shown(misnamed[0])}: its name becomes part of topics of ROS, which has rules for it; {remedy}"
@@ -159,7 +161,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
     some_raw = bool(names) and any(given[option] for option in ("background", "weights"))
     return Wishes(
         rate=value("rate", hertz),
-        idle=None if given["idle"] is None else seconds(given["idle"]),
+        idle=value("idle", seconds),
         crop=value("crop", pair),
         no_drop=given["no_drop"],
         # some sensors of several have a background or a network: one without either gives depth

@@ -93,9 +93,15 @@ def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs
     for one in wanted:
         own: list[Problem] = []
         watches.append(_opened(one, job, jobs, messages, own))
-        problems += [Problem(p.key, f"sensor {one.name}: {p.message}") for p in own] if one.name else own
+        problems += [_of_sensor(one.name, problem) for problem in own] if one.name else own
     refuse(problems)
     return [watched for watched in watches if watched is not None]
+
+
+def _of_sensor(name: str, problem: Problem) -> Problem:
+    """A problem of one of several sensors; what is not for its source may be given for another's."""
+    one = ", or give it as NAME=VALUE for one that takes it" if problem.key in ("rate", "idle") else ""
+    return Problem(problem.key, f"sensor {name}: " + problem.message.replace("; leave it out", f"; leave it out{one}"))
 
 
 def _opened(

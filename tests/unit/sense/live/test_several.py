@@ -191,11 +191,19 @@ def test_kits_may_follow_tape(default_kit: Kit, small_kit: Kit, pair: tuple[Path
     assert result.exit_code == 0 and "a: located 2 of 2 frames" in result.stderr
 
 
+def test_a_folder_beside_a_file_ends_by_an_idle_time_of_its_own(small_kit: Kit, pair: tuple[Path, Path], tmp_path: Path) -> None:
+    sensors = f"--sensor a=digit:{pair[0]} --sensor b=digit:{tmp_path} --rate a=max --idle b=0.1"
+    result = run(f"watch {sensors} --tape {small_kit.path}")
+    assert result.exit_code == 0 and "b: located 0 of 0 frames" in result.stderr, result.output
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         ("", "no source is given"),
         ("--sensor a=digit:FRAMES --sensor digit", "sensor = 'digit' has no name and others have"),
+        ("--sensor a=digit:FRAMES --sensor a/b=digit:FRAMES", "its name becomes part of topics of ROS"),
+        ("--sensor a=digit:FRAMES --idle 3", "leave it out, or give it as NAME=VALUE for one that takes it"),
         ("--sensor left-hand=digit:FRAMES", "its name becomes part of topics of ROS, which has rules for it; use a letter"),
         ("--sensor a=digit:- --sensor b=digit:-", "sensors a, b all read standard input"),
         ("FRAMES --sensor a=digit:FRAMES", "stands beside --sensor NAME=SENSOR:SOURCE, which has its own; leave it out"),
