@@ -53,7 +53,8 @@ def read_manifest(file: Path) -> dict[str, Any]:
     """
     content = read_any_manifest(file)
     if content["format"] == PANEL_FORMAT:
-        raise SpecError(f"{file.name} is that of a panel, not of one tape; give the folder of one of the kits on it")
+        said = f"{shown_path(file)} is that of a panel, not of one tape"
+        raise SpecError(f"{said}; give the folder of one of the kits on it, such as PANEL/tapes/NAME")
     return content
 
 

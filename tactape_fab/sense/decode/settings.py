@@ -70,7 +70,7 @@ def tape_problems(tapes: Sequence[Tape], method: object) -> list[Problem]:
         from tactape_fab.sense.decode.paper.method import PLANELESS
 
         problems.append(Problem("method", PLANELESS))
-    each = "use one Localizer for each, or decode once for each"
+    each = "give those of one kind, and the others in a run, or a Localizer, of their own"
     sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
     if len(sizes) > 1:
         said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)

@@ -98,7 +98,7 @@ def test_a_panel_is_no_tape_and_other_formats_are_none(tmp_path: Path) -> None:
     file = tmp_path / "manifest.json"
     file.write_text('{"format": "tactape-panel/1"}')
     assert read_any_manifest(file) == {"format": "tactape-panel/1"}
-    with pytest.raises(SpecError, match="is that of a panel, not of one tape"):
+    with pytest.raises(SpecError, match=rf"{file} is that of a panel, not of one tape; .* such as PANEL/tapes/NAME"):
         read_manifest(file)
     for text, said in (
         ('{"format": "tactape-manifest/2"}', "has format 'tactape-manifest/2'"),

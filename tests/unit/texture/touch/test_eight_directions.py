@@ -404,7 +404,7 @@ def test_what_is_no_registered_tape_is_not_located() -> None:
 
 def test_tapes_of_four_and_of_eight_directions_are_refused_together(tmp_path: Path) -> None:
     four = examine(TapeSpec(sector=1, size_mm=(40.0, 24.0), **(PRINTED | {"directions": 4}))).tape
-    with pytest.raises(SpecError, match=r"the tapes differ in directions \(4 and 8\); use one Localizer for each"):
+    with pytest.raises(SpecError, match=r"the tapes differ in directions \(4 and 8\); give those of one kind, and"):
         Localizer([printed(1), four])
     files = []
     for name, tape in (("four", four), ("eight", printed(1))):
