@@ -133,6 +133,9 @@ def with_options(line: str) -> str:
         value = found[2] or found[3]
         return found[0] if name not in names else f"--{name} {value}" if value and value != "True" else f"--{name}"
 
+    if names and "as-built" not in names:  # a command that takes the kit's file as it is
+        way = "leave out --from" if "from" in names else "move its as-built.json away"
+        line = line.replace("give as_built='none' for", f"{way} for")
     line = _ways_of(names, _ARGUMENT.sub(option, line))
     return _KITS.sub(r"\g<0> with --tape", line) if "tape" in names else line
 

@@ -93,6 +93,10 @@ def test_a_file_of_another_kit_is_refused_by_all_who_load_it(kit: Path) -> None:
     np.savez("frames.npz", depth=np.zeros((240, 320), dtype=np.float32))
     assert "or give --as-built none for the places of the design" in run("decode frames.npz --tape kit").stderr
     assert "or leave out --from for the places of the design" in run("simulate kit -o new.npz --from as-built").stderr
+    survey = run("survey frames.npz --tape kit -o new.json --from kit/as-built.json").stderr
+    assert "or leave out --from for the places of the design" in survey
+    for command in ("calibrate frames.npz --tape kit -o s.toml", "registry kit", "make --sector 3 --avoid kit"):
+        assert "or move its as-built.json away for the places of the design" in run(command).stderr, command
     assert Tape.load(kit, as_built="none").as_built is None
 
 
