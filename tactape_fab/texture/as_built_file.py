@@ -65,8 +65,8 @@ def as_text(content: Mapping[str, Any]) -> str:
 
 def content_of(path: Path) -> Mapping[str, Any]:
     """The table that a file holds, unchecked. Raises SpecError if it cannot be read, is too large, or holds no table."""
+    file = file_of(path)
     try:
-        file = file_of(path)
         data = read_regular(file, MOST_BYTES)
         if len(data) > MOST_BYTES:
             message = f"{shown_path(file)} has more than {MOST_BYTES} bytes; it is no as-built file of this tool"
@@ -77,9 +77,9 @@ def content_of(path: Path) -> Mapping[str, Any]:
             raise
         reason = getattr(error, "strerror", None) or shown(str(error))
         remedy = "give a file that inspect or survey wrote"
-        raise SpecError(Problem("as-built", f"{shown_path(path)} cannot be read: {reason}; {remedy}")) from error
+        raise SpecError(Problem("as-built", f"{shown_path(file)} cannot be read: {reason}; {remedy}")) from error
     if not isinstance(content, dict):
-        raise SpecError(Problem("as-built", f"{shown_path(path)} holds no table; give a file that inspect or survey wrote"))
+        raise SpecError(Problem("as-built", f"{shown_path(file)} holds no table; give a file that inspect or survey wrote"))
     return content
 
 

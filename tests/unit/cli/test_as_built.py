@@ -61,6 +61,7 @@ def test_a_file_elsewhere_is_taken_in_place_of_the_kits_own(kit: Path) -> None:
     ("args", "said"),
     [
         ("decode frames.npz --tape kit --as-built nothing.json", "nothing.json cannot be read"),
+        ("decode frames.npz --tape kit --as-built .", "as-built.json cannot be read: No such file"),
         ("decode frames.npz --tape kit --as-built none --as-built kit", "give either none or the files"),
         ("decode frames.npz --tape kit --as-built other.json", "and none of tactape-s007 has"),
         ("decode frames.npz --code microdots-4x4 --as-built kit", "none is there; give its kit with --tape, too"),
