@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -250,7 +250,13 @@ class AsBuilt:
         SpecError
             If there is none, it is too large or not JSON, or a value is missing or impossible: all problems together.
         """
-        return cls.from_mapping(content_of(as_path(path, "as_built", _FILE)))
+        file = as_path(path, "as_built", _FILE)
+        content = content_of(file)
+        try:
+            return cls.from_mapping(content)
+        except SpecError as error:  # named: keys of the kit's manifest are called alike
+            said = f"{shown_path(file_of(file))}: "
+            raise SpecError([replace(problem, message=said + problem.message) for problem in error.problems]) from None
 
     def write(self, path: str | Path) -> Path:
         """Write the file, the same bytes for the same places; a file of that name is replaced in one step, a link never.

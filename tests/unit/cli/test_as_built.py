@@ -61,6 +61,7 @@ def test_a_file_elsewhere_is_taken_in_place_of_the_kits_own(kit: Path) -> None:
     ("args", "said"),
     [
         ("decode frames.npz --tape kit --as-built nothing.json", "nothing.json cannot be read"),
+        ("decode frames.npz --tape kit --as-built empty.json", "error: empty.json: parts.present is missing"),
         ("decode frames.npz --tape kit --as-built .", "as-built.json cannot be read: No such file"),
         ("decode frames.npz --tape kit --as-built none --as-built kit", "give either none or the files"),
         ("decode frames.npz --tape kit --as-built other.json", "and none of tactape-s007 has"),
@@ -77,6 +78,7 @@ def test_a_file_elsewhere_is_taken_in_place_of_the_kits_own(kit: Path) -> None:
 def test_what_is_refused(kit: Path, args: str, said: str) -> None:
     built = AsBuilt.load(kit).to_mapping() | {"manifest_sha256": "1" * 64}
     Path("other.json").write_text(json.dumps(built))
+    Path("empty.json").write_text("{}")
     np.savez("frames.npz", depth=np.zeros((240, 320), dtype=np.float32))
     if "simulate" in args:
         Path("frames.npz").unlink()
