@@ -174,7 +174,7 @@ def _remark_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest) -> 
 
 
 def _backing_problems(text: str, files: Mapping[str, WrittenFile], backings: Mapping[str, str]) -> Iterator[str]:
-    """What the board's remark says of a stiffener or an adhesive, which no Gerber file shows the thickness of."""
+    """Stiffener and adhesive as the board's remark has them: no Gerber file shows their thickness."""
     for word in map(str.capitalize, _BACKINGS):
         role = f"{word.lower()}-bottom"
         wanted = [(backings[role], files[role].path)] if role in backings and role in files else []
