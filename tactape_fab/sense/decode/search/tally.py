@@ -328,6 +328,19 @@ def count_at(
         tally.sums[NEXT_STRONGEST] = likelihood
 
 
+@inner_kernel()
+def _first_of(barred: IntArray, site: int) -> int:
+    """The first row of a site, or of one after it; numba's own search makes an array of the site, which no kernel can."""
+    low, high = 0, len(barred)
+    while low < high:
+        middle = (low + high) >> 1
+        if barred[middle, 0] < site:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
 @inlined_kernel()
 def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, buffers: Buffers) -> None:
     """Places of a group where any sector may lie but the barred ones: every pair of phases is one sector."""
@@ -360,7 +373,7 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
             u, v = (p_best - row - j) % length, (r_best - column - i) % length
             total, out, among = x_sum * y_sum, 0.0, False  # the sum over all pairs of phases is a product
             # they ascend by site; of thousands of tapes few are barred at one
-            own = barred[np.searchsorted(barred[:, 0], at[1]) : np.searchsorted(barred[:, 0], at[1] + 1)]
+            own = barred[_first_of(barred, at[1]) : _first_of(barred, at[1] + 1)]
             for k in range(len(own)):
                 p, r = (row + j + own[k, 1]) % length, (column + i + own[k, 2]) % length
                 out += np.exp(float(buffers.lines[0, i, p]) + float(buffers.lines[1, j, r]) - most)
