@@ -34,6 +34,8 @@ from tactape_fab.texture.plane import MOST_POINTS
 
 DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT = 1.5, 6.0
 """W of a tape for which none is given, and W / Delta where no Delta is."""
+DEFAULT_GRID = (62, 32)
+"""Columns and rows of the default tape, 100 x 50 mm."""
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 NAME_REMEDY = "use 1 to 64 letters, digits, '.', '_', '-', a letter or digit first"
 

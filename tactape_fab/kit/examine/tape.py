@@ -40,12 +40,10 @@ from tactape_fab.texture.certify.origin import Choice, choose_origin, choose_sec
 from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import DEFAULT_CODE, default_origin, get_code, get_plane, has_plane
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
-from tactape_fab.texture.tape import Tape, refuse_no_tapes
+from tactape_fab.texture.tape import DEFAULT_GRID, Tape, refuse_no_tapes
 
 T = TypeVar("T")
 
-_GRID = (62, 32)
-"""Columns and rows of the default tape, and the fewest that decode takes tapes of other sectors to have."""
 _SECTORS_BESIDE = 4
 """Most other sectors that are tried beside tapes to avoid: a search for the origin each."""
 
@@ -380,8 +378,10 @@ def _origin_findings(tape: Tape) -> list[Finding]:
     """Warning if a tape of the sector at its default origin, which others may have, shows a part of this one."""
     u, v = default_origin(tape.code, tape.sector)
     column, row = tape.origin[0] - u, tape.origin[1] - v
-    shared = -tape.columns < column < max(_GRID[0], tape.columns) and -tape.rows < row < max(_GRID[1], tape.rows)
-    if column == row == 0 or not shared or get_code(tape.code).sequences is None:
+    if column == row == 0 or get_code(tape.code).sequences is None:
+        return []
+    columns, rows = max(DEFAULT_GRID[0], tape.columns), max(DEFAULT_GRID[1], tape.rows)  # as decode takes such tapes to be
+    if not (-tape.columns < column < columns and -tape.rows < row < rows):
         return []
     message = (
         f"origin = {list(tape.origin)} shows a part of what the default tape of sector {tape.sector} shows, at {[u, v]}: no "

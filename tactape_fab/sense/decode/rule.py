@@ -28,6 +28,7 @@ from math import exp, inf, log, sqrt
 import numpy as np
 
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import DEFAULT_GRID
 
 # What an answer has to keep
 
@@ -52,8 +53,8 @@ AGREE_SIGMAS = 3.5
 UNREGISTERED_SHARE = 0.01
 """Weight of all unregistered tapes of the code together, a probability. Chosen; with as much for them as for the
 registered ones a prototype located 17 % of contacts of 7x7 mm instead of 87 % (48 simulated contacts)."""
-LEAST_COLUMNS, LEAST_ROWS = 62, 32
-"""Grid points of an unregistered tape, if no registered one is larger: those of the default tape, 100 x 50 mm at W = 1.5 mm."""
+LEAST_COLUMNS, LEAST_ROWS = DEFAULT_GRID
+"""Grid points of an unregistered tape, if no registered one is larger: those of the default tape."""
 GRID_SHARES = (0.9, 0.05, 0.05)
 """Weights of the grids tried, best first; they add up to 1. The best grid is the one of most power, or the likeliest fit where
 the fit to that one fails: both are known before any symbol is compared with a tape."""
