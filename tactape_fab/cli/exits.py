@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from types import FrameType
 from typing import Any, NoReturn
 
 import click
@@ -44,21 +45,34 @@ FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 def ended_by_signals() -> Iterator[None]:
     """Context manager: a stop request, or a terminal that is closed, ends the command as an error does. Unfinished files are
     removed, and so are temporary folders and processes. The program that calls the command has its own handlers again afterwards.
+    The exit status is the signal's, also if a library made an error of its own of it.
     """
+    asked: list[int] = []
 
-    def leave(number: int, _: object) -> NoReturn:
+    def leave(number: int, frame: FrameType | None) -> NoReturn:
+        asked.append(number)
+        if number == signal.SIGINT:
+            signal.default_int_handler(number, frame)
         sys.exit(128 + number)
 
     before: dict[int, Any] = {}
     # Windows has no SIGHUP, and only a main thread may have handlers
     if threading.current_thread() is threading.main_thread():
-        before = {int(n): signal.getsignal(n) for n in (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")) if n}
+        numbers = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP", "SIGINT"))
+        before = {int(n): signal.getsignal(n) for n in numbers if n}
     try:
         for number, handler in before.items():
-            # nohup has it ignored, and the command goes on
-            if handler != signal.SIG_IGN:
+            # nohup has one ignored, and the command goes on; a program that calls this one may have its own for Ctrl-C
+            if handler != signal.SIG_IGN and (number != signal.SIGINT or handler == signal.default_int_handler):
                 signal.signal(number, leave)
         yield
+    except BaseException:
+        # libraries turn what ends the command into an error of their own: __set_name__ of Python 3.11, reportlab's fonts
+        if asked and asked[-1] == signal.SIGINT:
+            raise KeyboardInterrupt from None
+        if asked:
+            sys.exit(128 + asked[-1])
+        raise
     finally:
         for number, handler in before.items():
             if handler is not None:  # one that no Python function set

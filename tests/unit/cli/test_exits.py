@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Event
 from time import process_time
+from typing import NoReturn
 
 import click
 import pytest
@@ -95,6 +96,22 @@ def test_what_writes_cleans_up_when_it_is_asked_to_stop(
         signal.signal(one, lambda *_: None)
     monkeypatch.setattr(call, stopped)
     assert CliRunner().invoke(main, command.split()).exit_code == 128 + number and cleaned
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (HANGUP, 128 + HANGUP)])
+def test_a_signal_of_which_a_library_makes_an_error_keeps_its_status(
+    number: signal.Signals, status: int, handlers: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object, **__: object) -> NoReturn:
+        try:
+            signal.raise_signal(number)
+        except BaseException:  # as reportlab has it where it reads a font
+            raise RuntimeError("not a font") from None
+        pytest.fail("the signal was lost")
+
+    monkeypatch.setattr("tactape_fab.texture.certify.kits.registry", stopped)
+    result = CliRunner().invoke(main, ["registry", "KIT"])
+    assert (result.exit_code, result.stdout) == (status, "")
 
 
 def test_a_command_under_nohup_outlives_its_terminal(handlers: None) -> None:
