@@ -11,6 +11,7 @@ from tactape_fab.base.jit import COMPILED, KEPT
 from tactape_fab.sense.decode.contact.surface import taken
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import turn_weights
+from tactape_fab.sense.decode.dots.holes import filled
 from tactape_fab.sense.decode.dots.inputs import span
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
@@ -63,6 +64,7 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
         return
     image = ripple.astype(np.float32)
     span(image)
+    filled(image, np.ones(image.shape, dtype=np.bool_), view.px_per_mm)
     _, heights = sharp_tops(image, view.px_per_mm, dots.xy_px)
     if view.part is not None:
         drawn_px(view.part, heights, dots.xy_px, dots.xy_px, view.px_per_mm)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import FrameError
 from tactape_fab.base.given_value import unmasked
 from tactape_fab.base.jit import kernel
-from tactape_fab.sense.decode.dots.holes import Holes, find_holes
+from tactape_fab.sense.decode.dots.holes import filled
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
 
@@ -71,9 +71,8 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
         unscaled, image = image, _fitted(frame, image)
         as_came = image is unscaled
         low, high = span(image)
-    whole = isfinite(low) and isfinite(high)
-    if not whole or sensor.mask is not None:
-        image = _holes(image, whole, sensor).filled(image)
+    if sensor.mask is not None or not (isfinite(low) and isfinite(high)):
+        image = filled(image, shown_pixels(sensor), sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
         low, high = span(image)
     as_came = as_came and not high - low < _LEAST_MM / (sensor.depth_unit_mm or 1.0)
     # only relative heights matter: extreme ones are scaled to 0 ... 1, well within single precision
@@ -85,34 +84,15 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
     return np.ascontiguousarray(sensor.canonical(image)), as_came
 
 
-def _holes(image: npt.NDArray[np.float32], whole: bool, sensor: SensorProfile) -> Holes:
-    """The holes of a frame as the sensor delivers it; `whole`: all its values are finite."""
-    known = None if whole else np.isfinite(image)
-    if sensor.mask is not None:
-        shown = shown_pixels(sensor)
-        # no hole but the mask's own: the same ones in each frame, which are kept
-        if known is None or known[shown].all():
-            return _masked_holes(sensor)
-        known &= shown
-    assert known is not None
-    return find_holes(known, _mean_scale(sensor))
-
-
 @lru_cache(maxsize=8)
-def _masked_holes(sensor: SensorProfile) -> Holes:
-    """Holes that the sensor's mask makes: some milliseconds' work, the same for all its frames."""
-    return find_holes(shown_pixels(sensor), _mean_scale(sensor))
-
-
 def shown_pixels(sensor: SensorProfile) -> BoolArray:
-    """Pixels of a frame that the sensor's mask leaves: the way of `SensorProfile.canonical` back."""
-    assert sensor.mask is not None
+    """Pixels of a frame as the sensor delivers it that its mask leaves: the way of `SensorProfile.canonical` back; not to be
+    written to.
+    """
+    if sensor.mask is None:
+        return np.ones(sensor.frame_shape, dtype=np.bool_)
     turned = np.rot90(sensor.mask, -sensor.rotate90)
-    return turned[:, ::-1] if sensor.mirror else turned
-
-
-def _mean_scale(sensor: SensorProfile) -> float:
-    return sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1])
+    return np.ascontiguousarray(turned[:, ::-1] if sensor.mirror else turned)
 
 
 def span(image: npt.NDArray[np.float32]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import pytest
 
 from tactape_fab import Localizer
 from tactape_fab.sense import iterate_frames, load_sensor
-from tactape_fab.sense.decode.dots.holes import REACH_MM, find_holes
+from tactape_fab.sense.decode.dots.holes import REACH_MM, filled
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tests.contacts import TAPE
 
@@ -33,26 +33,33 @@ def test_a_slope_goes_on_through_a_hole() -> None:
     slope = 3.0 * u - 2.0 * v
     known = np.ones(slope.shape, dtype=bool)
     known[10:15, 20:25] = False
-    filled = find_holes(known, 1000.0).filled(np.where(known, slope, np.float32(np.nan)))
-    assert np.array_equal(filled[known], slope[known])
-    assert filled[~known] == pytest.approx(slope[~known], abs=4.0)  # of 150
-    assert filled[12, 22] == pytest.approx(slope[12, 22], abs=1e-3)
+    image = filled(np.where(known, slope, np.float32(np.nan)), np.ones_like(known), 1000.0)
+    assert np.array_equal(image, filled(slope, known, 1000.0))  # what is hidden is a hole, too
+    assert np.array_equal(image[known], slope[known])
+    assert image[~known] == pytest.approx(slope[~known], abs=4.0)  # of 150
+    assert image[12, 22] == pytest.approx(slope[12, 22], abs=1e-3)
 
 
 def test_far_from_all_depth_a_hole_has_the_median() -> None:
     image = np.full((30, 900), np.nan, dtype=np.float32)
     image[:, :9] = np.arange(9) + 1.0
-    filled = find_holes(np.isfinite(image), 16.0).filled(image)
-    assert (filled[:, 9] > 8.9).all()
+    whole = filled(image, np.ones(image.shape, dtype=bool), 16.0)
+    assert (whole[:, 9] > 8.9).all()
     half = round(REACH_MM * 16.0)
-    assert filled[:, 8 + half] == pytest.approx((9.0 + 5.0) / 2)
-    assert filled[:, -1] == pytest.approx(5.0, abs=0.01)
-    assert (np.diff(filled[:, 9:], axis=1) < 0.0).all()  # no ridge, whose top could be a dot
+    assert whole[:, 8 + half] == pytest.approx((9.0 + 5.0) / 2)
+    assert whole[:, -1] == pytest.approx(5.0, abs=0.01)
+    assert (np.diff(whole[:, 9:], axis=1) < 0.0).all()  # no ridge, whose top could be a dot
+
+
+def test_a_frame_of_few_pixels_has_their_median() -> None:
+    image = np.full((400, 500), np.nan, dtype=np.float32)
+    image[100, 200:203] = (1.0, 7.0, 100.0)  # of a sample of all places none may be one of them
+    assert filled(image, np.ones(image.shape, dtype=bool), 16.0)[-1, -1] == pytest.approx(7.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (16, 16)])
 def test_a_frame_that_is_one_hole_is_zero(shape: tuple[int, int]) -> None:
-    assert not find_holes(np.zeros(shape, dtype=bool), 16.0).filled(np.full(shape, np.nan, dtype=np.float32)).any()
+    assert not filled(np.full(shape, np.nan, dtype=np.float32), np.ones(shape, dtype=bool), 16.0).any()
 
 
 @pytest.mark.parametrize(("mirror", "rotate90"), [(False, 0), (True, 0), (False, 1), (True, 3)])
