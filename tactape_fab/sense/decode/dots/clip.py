@@ -1,4 +1,4 @@
-"""A number within limits: `min` and `max` are compiled anew for each kernel that calls them, this once for floats."""
+"""Clamp a float, compiled once: numba compiles `min` and `max` anew for each kernel that calls them."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from tactape_fab.base.jit import inner_kernel
 
 @inner_kernel()
 def clip(value: float, low: float, high: float) -> float:
-    """The value, or the limit that it is beyond; NaN as it is."""
+    """The value clamped to [low, high]; NaN is returned as it is."""
     return low if low > value else (high if high < value else value)

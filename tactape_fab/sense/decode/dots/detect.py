@@ -17,13 +17,14 @@ NEIGHBOURHOOD_MM = 0.3125
 STRONGEST = 8
 MOST_DOTS = 400
 RIDGE_ALONG_MM, RIDGE_ACROSS_MM = 0.375, 0.6
-"""Distances from a top at which a ridge is looked for: along it, beyond a part; across it, where a step's trough is deepest."""
+"""Distances from a local maximum at which heights are sampled to tell a ridge: along it, farther than a part reaches; across it,
+where the trough beside a step edge is deepest."""
 RIDGE_TROUGH, STEP_SHARE, STEP_TOPS = 0.4, 0.45, 2
-"""There is a step where so many ridge tops beside a trough as deep as a step's are this high over the median of the strongest
-tops. Then no top of a ridge is a dot, if the trough beside it has the first depth over its height.
+"""A frame shows a step edge if at least `STEP_TOPS` maxima with a trough deeper than `STEP_TROUGH` reach `STEP_SHARE` of the
+median height of the strongest. Then every maximum whose trough is at least `RIDGE_TROUGH` of its height is rejected as a ridge.
 """
 COARSE_PX_PER_MM = 7.0
-"""Finer images are averaged down to no less than this."""
+"""Finer images are averaged over blocks of whole pixels, but never to a coarser scale than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,14 +32,14 @@ class Dots:
     """Dots of one frame.
 
     xy_px (n, 2)
-    weights (n,): Height of each over the median of the strongest, so that 1 is an ordinary good dot.
-    trust (n,): How likely each is a part at all, from its height and that of the noise.
+    weights (n,): Height over the median height of the strongest dots: 1 is an ordinary good dot.
+    trust (n,): Probability that the dot is a part, from its height and that of the noise.
     elongation (n, 2): Anisotropy of each top, (h_uu - h_vv, 2 h_uv) / (h_uu + h_vv) of its second derivatives per canonical image
         pixel: a top that is longest at an angle phi (from u towards v) has -a (cos 2 phi, sin 2 phi) with 0 <= a < 1, so (-a, 0)
-        where it is long along u, (0, -a) along u = v. Zero where it is no proper top; None where nobody looked.
-    seen_px (n, 2): Where they were detected, canonical image, before any correction; None: at `xy_px`.
+        where it is long along u, (0, -a) along u = v. Zero where the quadric has no maximum; None if not measured.
+    seen_px (n, 2): Detected position in the canonical image, before any correction; None if equal to `xy_px`.
     small: The image they were detected in: `averaged` over `coarseness` pixels.
-    high: Its band-pass, whose tops they are.
+    high: The band-passed `small`, whose local maxima they are.
     """
 
     xy_px: FloatArray
@@ -51,12 +52,12 @@ class Dots:
 
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:
-    """Band-pass for the width of a part: a Gaussian less a mean over about the pitch (paper, Eq. 1, with a smoother kernel)."""
+    """Band-pass at the scale of a part: a Gaussian minus a box mean over about a pitch (paper, Eq. 1, with a smoother kernel)."""
     return banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
 
 
 def coarseness(px_per_mm: float) -> int:
-    """Pixels along a block that is averaged before dots are looked for: a part is still several blocks wide."""
+    """Side of the blocks that are averaged before detection, px; a part is still several blocks wide."""
     return max(int(px_per_mm / COARSE_PX_PER_MM), 1)
 
 
@@ -96,12 +97,12 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
 
 
 def _off_ridges(order: IntArray, height: FloatArray, trough: FloatArray) -> IntArray:
-    """Tops, highest first, without those of ridges where enough of them are as high as dots."""
+    """Indices of the maxima, highest first, without those on ridges if enough ridge maxima are as high as dots."""
     high = height[trough > STEP_TROUGH] >= STEP_SHARE * _middle(height[order[:STRONGEST]])
     return order if np.count_nonzero(high) < STEP_TOPS else order[trough[order] < RIDGE_TROUGH]
 
 
 def _middle(ordered: FloatArray) -> float:
-    """Median of values that are in order."""
+    """Median of sorted values."""
     n = len(ordered)
     return float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2

@@ -1,4 +1,4 @@
-"""Quarter turns that the dots' own shape speaks for: long bodies all lie at one angle to the grid, and so half the turns are out.
+"""Prior of the quarter turns from the shape of the dots: all long bodies lie at one angle to the grid, which rules out two.
 
 Elongations are those of `detect.Dots`: a top that is longest at an angle phi has -a (cos 2 phi, sin 2 phi).
 """
@@ -15,13 +15,13 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart, is_long
 
 USUAL_SCATTER, USUAL_DOTS = 0.1, 4.0
-"""Scatter of one dot's elongation that is believed before a frame is seen, and how many dots this belief counts as."""
+"""Prior standard deviation of one dot's elongation, and the number of dots that this prior counts as."""
 COMMON_ERROR = 0.04
-"""Standard error that all dots of a frame share: pixels 2 % more oblong than the sensor's profile says give half of it."""
+"""Standard error common to all dots of a frame; an aspect ratio 2 % off the sensor profile's gives half of it."""
 
 
 def square_pixels(elongation: FloatArray | None, aspect: float) -> FloatArray | None:
-    """Elongations as they are after v is stretched by `aspect`; shape (n, 2)."""
+    """Elongations after v is stretched by `aspect`; shape (n, 2)."""
     if elongation is None or aspect == 1.0:
         return elongation
     # second derivatives in v' = aspect v: h_vv falls by aspect squared, h_uv by aspect
@@ -37,15 +37,15 @@ def flipped_u(elongation: FloatArray | None) -> FloatArray | None:
 def turn_weights(
     elongation: FloatArray | None, weights: FloatArray, trust: FloatArray, grid: FloatArray, part: TapePart
 ) -> FloatArray:
-    """Prior weights of the four quarter turns of a grid, from nothing but the shape of the dots; shape (4,), sum 1.
+    """Prior weights of the four quarter turns of a grid, from the shape of the dots alone; shape (4,), sum 1.
 
     They weigh hypotheses, and never enter E (docs/trust.md): the bound holds for any weights fixed before a tape is looked at.
 
     elongation (n, 2): In square pixels.
-    weights (n,): Heights over that of a whole dot.
+    weights (n,): Heights over that of a fully imprinted dot.
     trust (n,)
     grid (4,): From `fit.fit_grid`.
-    part: Of the tape in question; a round one gives even weights.
+    part: The tape's part; a round one gives equal weights.
     """
     return turn_shares(parity_log_ratio(elongation, weights, trust, grid, part))
 
@@ -53,10 +53,10 @@ def turn_weights(
 def parity_log_ratio(
     elongation: FloatArray | None, weights: FloatArray, trust: FloatArray, grid: FloatArray, part: TapePart
 ) -> float:
-    """Ln of how much likelier turns 0 and 2 are than 1 and 3; 0 where nothing can be told. Parameters as in `turn_weights`.
+    """Log odds of turns 0 and 2 against 1 and 3; 0 if the dots do not tell. Parameters as in `turn_weights`.
 
-    The mean along the bodies' direction is a > 0 for even turns and -a for odd ones, a itself unknown: it depends on the gel.
-    What its sign is worth is that of a normal variable of flat prior, ln Phi(z) - ln Phi(-z).
+    The mean elongation along the bodies is a > 0 for even turns and -a for odd ones; a depends on the gel and is unknown.
+    With a flat prior on a, the log odds of its sign are ln Phi(z) - ln Phi(-z), z the mean over its standard error.
     """
     length_mm, width_mm = part.body_mm[:2]
     if elongation is None or not is_long(part.shape, part.body_mm):
@@ -71,7 +71,7 @@ def parity_log_ratio(
 
 @kernel()
 def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArray, twice_rad: float) -> float:
-    """Mean of the good dots' elongations along a double angle over its standard error; 0 for too few of them."""
+    """Mean elongation of the good dots along half of `twice_rad`, over its standard error; 0 if there are too few dots."""
     # a long top has -a (cos 2 phi, sin 2 phi): the unit vector of that direction
     c, s = -np.cos(twice_rad), -np.sin(twice_rad)
     count = along = across = squares = 0.0
@@ -87,5 +87,5 @@ def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArra
     # both components have one variance: n - 1 deviations each, besides the belief before the frame
     scatter = squares / 2.0 - (along * along + across * across) / (2.0 * count)
     variance = (scatter + USUAL_DOTS * USUAL_SCATTER**2) / (count - 1.0 + USUAL_DOTS)
-    # what all dots share does not fall with their number, as the error of a mean does
+    # an error common to all dots does not average out
     return float(along / count / np.sqrt(variance / count + COMMON_ERROR**2))

@@ -18,20 +18,21 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 Image = npt.NDArray[np.float32]
 
 MOST_TOPS = 4096
-"""More are noise."""
+"""Most local maxima of a frame; more are noise."""
 LOWEST = np.float32(-3e38)
 ROUNDING = np.float32(1e-6)
-"""Share of a pixel below which a height above its surroundings is the rounding of single precision."""
+"""A maximum lower than this share of its pixel's value is a rounding error of single precision."""
 RIDGE_ELONGATION, RIDGE_GOES_ON = 0.5, 0.5
-"""The top of a ridge is more elongated than this, and it is as high on both sides along itself, as a share of its height."""
+"""A maximum on a ridge has a larger elongation than the first, and on both sides along the ridge at least the second, as a share
+of its height."""
 STEP_TROUGH = 0.65
-"""Beside the ridge along a step, such as the board's edge, lies a trough as deep as this over the ridge's height; round a part it
-is shallow, and noise seldom makes one."""
+"""A step edge, such as the board's, has beside its ridge a trough deeper than this share of the ridge's height. The trough round
+a part is shallower, and noise seldom makes one."""
 
 
 @cache
 def gaussian_taps(sigma_px: float) -> Image:
-    """One side of a normalised Gaussian kernel, from its middle on; as wide as OpenCV has it for floating point."""
+    """Half of a normalised Gaussian kernel, centre tap first; as wide as OpenCV's for floating point."""
     # 4 sigma on each side, beyond which a Gaussian has 6e-5 of its weight; odd in all, so that there is a middle
     reach = (round(8.0 * sigma_px + 1.0) | 1) // 2
     side = [exp(-0.5 * (t / sigma_px) ** 2) for t in range(reach + 1)]
@@ -43,7 +44,7 @@ def gaussian_taps(sigma_px: float) -> Image:
 
 @inner_kernel()
 def ordinary_value(image: Image, values: Image) -> float:
-    """Median of nine pixels: of the image's level, whatever a single pixel says; `values` is a work buffer."""
+    """Median of nine pixels, a robust estimate of the image's level; `values` is a work buffer."""
     h, w = image.shape
     # insertion sort of nine values: numpy's median would allocate, which a kernel may not
     for k in range(9):
@@ -57,7 +58,7 @@ def ordinary_value(image: Image, values: Image) -> float:
 
 
 def averaged(depth: Image, factor: int) -> Image:
-    """Means over blocks of factor x factor whole pixels, less an ordinary value, so that few digits are lost later."""
+    """Means over blocks of factor x factor pixels, minus `ordinary_value`, so that single precision keeps more digits."""
     out = np.empty((depth.shape[0] // factor, depth.shape[1] // factor), dtype=np.float32)
     if out.size:
         _average(depth, factor, np.empty(max(depth.shape[1], 9), dtype=np.float32), out)
@@ -97,7 +98,7 @@ def _average(depth: Image, factor: int, line: Image, out: Image) -> None:
 
 @inner_kernel()
 def _inside(index: int, n: int) -> int:
-    """Index inside an image that is mirrored at its outermost pixels (BORDER_REFLECT_101 of OpenCV)."""
+    """Index reflected into 0 ... n - 1 about the outermost pixels (OpenCV's BORDER_REFLECT_101)."""
     if n == 1:
         return 0
     # several times, as a filter may be wider than the image
@@ -107,7 +108,7 @@ def _inside(index: int, n: int) -> int:
 
 
 def banded(depth: Image, taps: Image, half_box: int) -> Image:
-    """An image smoothed by a symmetric kernel, less its mean over (2 half_box + 1) squared pixels."""
+    """An image smoothed by a symmetric kernel, minus its mean over a box of 2 half_box + 1 pixels a side."""
     out = np.empty(depth.shape, dtype=np.float32)
     if out.size:
         pad, wide = max(len(taps) - 1, half_box), depth.shape[1]
@@ -174,7 +175,7 @@ def _band(
 
 @inner_kernel()
 def _is_near(found: IntArray, v: int, u: int, reach: int) -> bool:
-    """Whether one of the pixels found so far, row by row, lies within (2 reach + 1) squared pixels."""
+    """Whether one of the pixels found so far lies within `reach` rows and columns of (v, u)."""
     for i in range(len(found) - 1, -1, -1):  # in row order: earlier ones are farther up
         if found[i, 0] < v - reach:
             return False
@@ -184,10 +185,10 @@ def _is_near(found: IntArray, v: int, u: int, reach: int) -> bool:
 
 
 def local_tops(image: Image, ground: Image, reach: int) -> IntArray:
-    """Positive pixels (v, u) off the border that none within (2 reach + 1) squared pixels exceeds, row by row.
+    """Non-maximum suppression: positive pixels (v, u) off the border, the largest within `reach` rows and columns; in row order.
 
-    Of equal ones so near each other it is the first. The image is a difference of means of `ground`: what is rounding of that,
-    as on level ground, is no top.
+    Of equal pixels so near each other the first is kept. The image is a difference of means of `ground`: maxima within the
+    rounding of that, as on level ground, are left out.
     """
     w, found = image.shape[1], np.empty((MOST_TOPS, 2), dtype=np.int64)
     eights = np.empty((w + 7) // 8, dtype=np.uint64)
@@ -207,7 +208,10 @@ def _find_tops(
     is_top: npt.NDArray[np.uint8],
     found: IntArray,
 ) -> int:
-    """Fill what `local_tops` returns, and return how many there are; `is_top` is the memory of `eights`, the rest for work."""
+    """Fill `found` with what `local_tops` returns, and return their number.
+
+    `wide` and `highest` are work buffers; `is_top` (flags) and `eights` (words of eight flags) are views of one more.
+    """
     h, w = image.shape
     for u in range(len(line)):
         line[u] = LOWEST
@@ -248,11 +252,12 @@ def _find_tops(
 def tops(
     small: Image, coarse: int, taps: Image, half_box: int, reach: int, along: float, across: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int, Image]:
-    """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
+    """Positive local maxima of the band-pass, refined by the quadric through the 3 x 3 pixels round each.
 
-    `small` are the means over coarse x coarse pixels, places in pixels of the image. The last are the depths of the troughs
-    beside ridges, as `_trough` has them from what lies so many coarse pixels off, how many are deeper than `STEP_TROUGH`, and the
-    band-pass.
+    small: Means over coarse x coarse pixels of the image.
+    along, across: Distances at which `_trough` samples, in pixels of `small`.
+    Returns: Positions in pixels of the image (n, 2), heights (n,), elongations as in `Dots` (n, 2), depths from `_trough` (n,),
+        the number of those deeper than `STEP_TROUGH`, and the band-passed `small`.
     """
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
@@ -274,7 +279,7 @@ def _centres(
     elongation: FloatArray,
     trough: FloatArray,
 ) -> int:
-    """Fill in place, height, elongation and trough of each local maximum; how many troughs are deep."""
+    """Fill in position, height, elongation and trough of each local maximum; returns the number of deep troughs."""
     deep = 0
     for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
@@ -317,7 +322,7 @@ def _centres(
 
 @inner_kernel()
 def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, across: float) -> float:
-    """Depth of the trough beside a ridge along (du, dv), over the ridge's height; 0 where the ridge does not go on both ways."""
+    """Depth of the deeper trough beside a ridge along (du, dv), over the ridge's height; 0 if the ridge ends on either side."""
     h, w = high.shape
     deepest, far = 0.0, along
     for k in range(4):  # ahead, behind, and on either side

@@ -1,4 +1,4 @@
-"""Dots of one frame as a sensor's profile has it, and for adjustments of many frames in the image of a perfect camera."""
+"""Dots of one frame by a sensor's profile; for adjustments of many frames, in undistorted square pixels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactape_fab.texture.frames import FloatArray
 
 
 def frame_dots(image: Image, sensor: SensorProfile) -> Dots:
-    """Dots of a canonical depth map, those within the sensor's mask."""
+    """Dots of a canonical depth map that lie within the sensor's mask."""
     dots = detect(image, sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
     if sensor.mask is None or len(dots.weights) == 0:
         return dots
@@ -28,13 +28,13 @@ def frame_dots(image: Image, sensor: SensorProfile) -> Dots:
 
 
 def detected(frame: npt.ArrayLike, sensor: SensorProfile) -> Dots:
-    """Dots of a frame as the sensor delivers it, in the image of a perfect camera; where they are seen is kept."""
+    """Dots of a raw frame, undistorted by `squared`; `seen_px` keeps their positions in the canonical image."""
     dots = frame_dots(canonical_frame(frame, sensor), sensor)
     return replace(dots, xy_px=squared(dots.xy_px, sensor), seen_px=dots.xy_px)
 
 
 def squared(seen_px: FloatArray, sensor: SensorProfile) -> FloatArray:
-    """Places by a perfect camera of the profile's px/mm along u, from the image centre."""
+    """Undistorted positions from the image centre, in square pixels of the profile's px/mm along u."""
     camera = sensor.camera
     # dots in mm, then at one px/mm along both axes: the decoder's grid has square cells
     on_gel: FloatArray = camera.from_px(seen_px) - camera.from_px(sensor.centre_px)

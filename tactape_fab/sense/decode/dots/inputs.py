@@ -20,29 +20,28 @@ _Signed = npt.NDArray[np.int32]
 _Unsigned = npt.NDArray[np.uint32]
 
 LARGE = 1e9
-"""Depths and places beyond this are scaled or refused."""
+"""Depths beyond this are scaled; dots beyond it are refused."""
 _SMALL = 1e-30
-"""Depths below this all lose digits in single precision, whose least value with all of them is 1.2e-38."""
+"""A frame whose depths are all below this is scaled: the least normal number in single precision is 1.2e-38."""
 _LEAST_SPAN = 1e-5
-"""Depths that span a smaller share of their own size are moved: of steps in single precision, 6e-8 of that, the span has 170."""
+"""If depths span a smaller share of their magnitude, their offset is taken off: single precision has steps of 6e-8 of that."""
 
 _LEAST_MM = 0.005
-"""Depths that span less, as metres read as millimetres do, are in another unit: no gel shows a part by so little."""
+"""Depths that span less are in another unit, such as metres taken for millimetres: a part presses a gel in by more."""
 
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
-    """The image of `canonical_depths`."""
+    """The image that `canonical_depths` returns."""
     return canonical_depths(depth, sensor)[0]
 
 
 def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.NDArray[np.float32], bool]:
-    """A frame as the canonical image, and whether its depths are as they came, not scaled, and may be in the profile's unit.
+    """A raw frame as the canonical image, and whether its depths are unscaled and plausible in the profile's unit.
 
-    NaN, infinite, masked and hidden values become what is beside them; hidden are those that the sensor's mask leaves out.
+    NaN, infinite and masked values, and pixels outside the sensor's mask, are filled from those beside them.
+    The image may be a view of the frame: treat it as read-only.
 
-    It is the frame's own memory where nothing has to be changed: only to be read.
-
-    Raises FrameError when it is no array of real numbers, or not of the sensor's shape.
+    Raises FrameError if the frame is no array of real numbers, or not of the sensor's shape.
     """
     try:
         frame = np.asarray(unmasked(depth))
@@ -86,9 +85,7 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
 
 @lru_cache(maxsize=8)
 def shown_pixels(sensor: SensorProfile) -> BoolArray:
-    """Pixels of a frame as the sensor delivers it that its mask leaves: the way of `SensorProfile.canonical` back; not to be
-    written to.
-    """
+    """The sensor's mask in the raw frame's orientation, the inverse of `SensorProfile.canonical`; True inside. Read only."""
     if sensor.mask is None:
         return np.ones(sensor.frame_shape, dtype=np.bool_)
     turned = np.rot90(sensor.mask, -sensor.rotate90)
@@ -96,7 +93,7 @@ def shown_pixels(sensor: SensorProfile) -> BoolArray:
 
 
 def span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
-    """Least and largest value; NaN where a value is NaN."""
+    """Least and largest value; NaN if any value is NaN."""
     image, ends = np.ascontiguousarray(image), np.empty(2, dtype=np.float32)
     _find_span(image.view(np.int32), image.view(np.uint32), ends.view(np.int32), ends.view(np.uint32))
     low, high = ends.tolist()
@@ -105,10 +102,10 @@ def span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
 
 @kernel()
 def _find_span(signed: _Signed, unsigned: _Unsigned, out: _Signed, unsigned_out: _Unsigned) -> None:
-    """Fill the bits of the least and of the largest of single-precision numbers, from their bits.
+    """Fill in the bits of the least and of the largest of some single-precision numbers, from their bits.
 
-    These are in order (IEEE 754): as numbers with a sign where they are positive, backwards where they are negative; NaN lie
-    beyond the infinite ones. Vectors of them are as quick as those of numbers, and no NaN is lost.
+    Bits of IEEE 754 order as signed integers where positive, and in reverse where negative; NaN lies beyond infinity. So
+    integer loops vectorise as those of floats do, and no NaN is lost.
     """
     least, largest, last = signed[0, 0], signed[0, 0], unsigned[0, 0]
     for v in range(signed.shape[0]):
@@ -120,9 +117,9 @@ def _find_span(signed: _Signed, unsigned: _Unsigned, out: _Signed, unsigned_out:
 
 
 def _fitted(frame: npt.NDArray[Any], image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """A frame in single precision, moved or scaled where that cannot hold most of it; `image` is the frame as it came.
+    """A frame in single precision, shifted or scaled if that cannot hold most of its values; `image` is the plain cast.
 
-    A few values that are too large stay holes: they say nothing of the frame's scale.
+    A few values that are too large become holes: they say nothing of the frame's scale.
     """
     known = frame[np.isfinite(frame)]
     least, most = (known.min().item(), known.max().item()) if len(known) else (0, 0)

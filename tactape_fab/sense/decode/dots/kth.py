@@ -8,7 +8,7 @@ from tactape_fab.texture.frames import FloatArray
 
 @inner_kernel()
 def select(values: FloatArray, k: int) -> float:
-    """The k-th smallest (from 0) of some values by quickselect: reorders them, none before it larger, none behind it smaller."""
+    """The k-th smallest (from 0) of some values by quickselect, in place: none before it is larger, none behind it smaller."""
     low, high = 0, len(values) - 1
     while low < high:
         # of values in order the middle one halves them. Both inner loops stop at the pivot, and at NaN, with which every

@@ -1,4 +1,4 @@
-"""Dots before the grid is known: which of them are of the contact, and how far its slope has drawn those at its rim inwards."""
+"""Dots before the grid is known: which belong to the contact, and how far its slope shifted those at its rim inwards."""
 
 from __future__ import annotations
 
@@ -14,41 +14,40 @@ from tactape_fab.texture.frames import BoolArray, FloatArray
 STRONG = 0.5
 """Dots from this weight on show where the contact is."""
 LEVEL_FROM = 0.7
-"""Dots from this weight on are more often wholly imprinted than not: their median is the level of those that are."""
+"""Most dots from this weight on are fully imprinted: their median is the level of fully imprinted dots."""
 LEAST_SCATTER, MOST_SCATTER = 0.07, 0.2
-"""Bounds of the relative scatter of heights of wholly imprinted dots."""
+"""Bounds of the relative standard deviation of the heights of fully imprinted dots."""
 BELIEVED_SCATTERS = 2.0
-"""Scatters below the height of a whole dot that noise explains; the rest of a dot's missing height is the rim's."""
+"""Noise explains a height up to so many standard deviations below a fully imprinted dot's; the rim explains the rest."""
 PULL = 0.2
 """Shift of a dot inwards by the rim, in pitches per unit of missing weight."""
 ONE_SIDED = 0.35
-"""A dot whose neighbours' directions leave this mean stands at the rim, with them all to one side."""
+"""From this length of the mean unit vector to its neighbours on, a dot counts as one at the rim, all neighbours on one side."""
 SUPPORT, SUPPORT_STEP = 0.3, 0.05
-"""Neighbours that a dot of the contact has at least, where one at a pitch counts 1/4; width of the step."""
+"""Least support of a dot of the contact, where a neighbour one pitch away counts 1/4; width of the logistic step."""
 COMPANY, LONELY, CROWDED, HOLE = 0.8, -5.0, -4.0, -5.0
-"""Terms of the log odds that a dot is a part: for neighbours, for none, for one too near to be another part, and for a height
-that no part amid others has."""
+"""Log odds that a dot is a part: with neighbours, with none, with a higher dot too near to be another part, and with a height too
+low for a part surrounded by others."""
 AMID, AMID_STEP = 0.45, 0.05
-"""A dot is amid others where their directions, each of length 1, have a shorter mean than this; width of the step."""
+"""A dot is surrounded if the mean unit vector to its neighbours is shorter than this; width of the logistic step."""
 LOW_SCATTERS, LOW_STEP = 6.0, 0.04
-"""Scatters below the whole height from which no part amid others is; width of the step, in weight."""
+"""A surrounded part is not lower by so many standard deviations than a fully imprinted one; width of the step, in weight."""
 NEAREST = 0.9
-"""Share of the least distance of two parts below which the lower dot is none."""
+"""Of two dots nearer than this share of the least distance of two parts, the lower one is no part."""
 _SAME = 1e-9
 
 
 def settled(dots: Dots, pitch_px: float, shift: float) -> Dots:
-    """Dots as a contact has them: noise beside it left out, heights over those of whole dots, those at the rim put back.
+    """Dots of the contact: noise rejected, weights relative to fully imprinted dots, and positions at the rim corrected.
 
-    A part on the rim is imprinted less on its outer side. Its top is that of a product, imprint times bump, and lies where
-    the relative slopes of both cancel: off the bump's own top by the bump's width squared times the relative slope of
-    the imprint, inwards. The imprint falls from 1 to 0 within less than a pitch, too fast to be seen in the
-    neighbours' heights; but however it falls, its relative slope grows meanwhile, and `PULL` is between that of a steep and
-    of a gentle rim.
-    Inwards is where the neighbours are. Dots amid others, or no lower than noise makes them, are left where they are.
+    A part on the rim is imprinted less on its outer side. Its relief is the product of imprint and bump, whose maximum lies
+    where the relative slopes of both cancel: inwards of the bump's own maximum by the squared width of the bump times the
+    relative slope of the imprint. The imprint falls from 1 to 0 within less than a pitch, too fast to be seen in the
+    neighbours' heights, but its relative slope grows as it falls; `PULL` is between that of a steep and of a gentle rim.
+    Inwards is where the neighbours are. Surrounded dots, and dots no lower than noise explains, are not moved.
 
-    Noise is spread over the whole image, parts stand a pitch apart: a low dot with the neighbours of a grid is more likely
-    a part than its height alone says, one with none, or one too near a higher one, is none.
+    Noise is spread over the whole image, and parts stand a pitch apart. So a low dot with neighbours as on a grid is more likely
+    a part than its height alone says; one without neighbours, or too near a higher one, is not.
 
     dots: `xy_px` in square pixels.
     pitch_px: As the sensor's profile has it.
@@ -80,7 +79,7 @@ def chosen(dots: Dots, kept: BoolArray) -> Dots:
 
 @inner_kernel(fastmath=True)
 def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple[float, float]:
-    """Weight of a wholly imprinted dot, and relative scatter of such weights: from the upper half, which no rim lowers."""
+    """Weight of a fully imprinted dot, and relative scatter of such weights, from the upper half, which no rim lowers."""
     n = 0
     for i in range(len(weights)):
         if weights[i] > LEVEL_FROM and trust[i] > 0.5:
@@ -111,7 +110,7 @@ def _settle(
     share: FloatArray,
     believed: FloatArray,
 ) -> None:
-    """Fill in places, weights over that of a whole dot (at most 1), and trust; `buffer` is overwritten."""
+    """Fill in positions, weights relative to a fully imprinted dot (at most 1), and trust; `buffer` is a work buffer."""
     n = len(weights)
     xs, ys, heights, amounts = buffer[0], buffer[1], buffer[2], buffer[3]
     level, scatter = _level(weights, trust, heights)

@@ -1,7 +1,7 @@
-"""Dots between pixels: their tops by interpolation, the same wherever in a pixel they lie.
+"""Sub-pixel maxima by interpolation, without the bias that depends on where in a pixel they lie.
 
-A quadric through 3 x 3 pixels is off by up to 8 % of a pixel, 10 um, as the top's place in its pixel has it. Where rows of pixels
-and of dots are parallel, and a pitch is a whole number of pixels, all dots have the same place, and the pose is off by as much.
+The maximum of a quadric through 3 x 3 pixels is biased by up to 8 % of a pixel, 10 um, depending on its position in the pixel. If
+rows of pixels and of dots are parallel and a pitch is a whole number of pixels, all dots share the bias, and so does the pose.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from tactape_fab.sense.decode.rule import SMOOTHING_MM
 from tactape_fab.texture.frames import FloatArray
 
 REACH = 2
-"""Pixels on each side that are interpolated between."""
+"""Pixels on each side that enter the interpolation."""
 WIDTH_MM = 2.0 * SMOOTHING_MM
-"""Standard deviation of the Gaussians that interpolate: of 0.2 to 0.44 mm each leaves a blur of 0.05 to 0.25 mm less than 0.7 um
-of error, and this one least."""
+"""Standard deviation of the interpolating Gaussians. With 0.2 to 0.44 mm, and a gel's blur of 0.05 to 0.25 mm, the bias stays
+below 0.7 um; it is least with this."""
 STEPS = 64
-"""Places in a pixel, along an axis, that tops are looked for from."""
+"""Positions in a pixel, along an axis, for which interpolation weights are tabulated."""
 
 
 def sharp_tops(high: Image, px_per_mm: float, seen_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far the tops of dots are from where a quadric has them, px of the canonical image (n, 2), and how high they are (n,).
+    """Correction of the quadric's maxima, px of the canonical image (n, 2), and the interpolated heights (n,).
 
     high (h, w): The band-pass that dots were found in, `Dots.high`.
-    px_per_mm: That dots were detected with.
-    seen_px (n, 2): Places in the canonical image.
+    px_per_mm: The scale that dots were detected with.
+    seen_px (n, 2): Detected positions in the canonical image.
     """
     n, coarse = len(seen_px), coarseness(px_per_mm)
     shift_px, heights = np.empty((n, 2)), np.empty(n)
@@ -40,9 +40,9 @@ def sharp_tops(high: Image, px_per_mm: float, seen_px: FloatArray) -> tuple[Floa
 
 @lru_cache(maxsize=8)
 def _weights(width_px: float) -> Image:
-    """Of pixels round a place, for value, slope and curvature there; (STEPS + 1, 2 REACH + 1, 3).
+    """Weights of the pixels round a position that give value, slope and curvature there; (STEPS + 1, 2 REACH + 1, 3).
 
-    Interpolation by a Gaussian on every pixel (radial basis functions).
+    Interpolation by Gaussian radial basis functions, one on every pixel.
     """
     # the interpolant is sum_k c_k g(x - x_k), g a Gaussian, with K c = z at the pixels: so value, slope and curvature at a
     # place are r.K^-1 z, r = g, g', g'' there, and the weights K^-1 r do not depend on the frame
@@ -59,7 +59,7 @@ def _weights(width_px: float) -> Image:
 
 @kernel(fastmath=True)
 def _shift(high: Image, seen_px: FloatArray, coarse: int, weights: Image, out: FloatArray, heights: FloatArray) -> None:
-    """Fill in a step of Newton from the nearest of the places in a pixel, 0 by the border and off what is no top; and heights."""
+    """Fill in heights, and corrections by a Newton step from the nearest tabulated position; 0 at the border and off maxima."""
     h, w, far = high.shape[0], high.shape[1], (coarse - 1) / 2
     for i in range(len(seen_px)):
         out[i, 0] = out[i, 1] = heights[i] = 0.0

@@ -1,4 +1,4 @@
-"""Dots on their grid -> soft symbols: grid and displacements fitted together, then the probability of each dot's symbols.
+"""Dots -> soft symbols: grid and displacements are fitted together, then each dot gets a posterior over the symbols.
 
 The paper takes the nearest grid point and a 45 degree quadrant instead (section III-A.4).
 """
@@ -31,7 +31,7 @@ Grid = tuple[float, float, float, float]
 
 FIT_STEPS = 6
 FEW_DOTS = 40.0
-"""So few dots, displaced at random, can show a grid that is off by half a displacement: the fit starts from others as well."""
+"""With fewer dots, displaced at random, the initial grid can be off by half a displacement: the fit tries `STARTS` as well."""
 # half of the 16 choices of signs, a fractional factorial design: the sign of the fourth is the product of the others, so that
 # of any three of the four all eight choices are there
 STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0) for x in (-1.0, 1.0)]) * (
@@ -40,13 +40,13 @@ STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0
     0.06,
     0.06,
 )
-"""Turns (rad), changes of pitch (share) and of both phases (pitches) of those other starts."""
+"""Offsets of the other starts: angle (rad), pitch (share) and both phases (pitches)."""
 LARGEST_LN = 700.0
-"""Exponentials of more overflow; a dot so far from all its places fits none of them anyway."""
+"""Exponents are clamped to this, below overflow; a dot so far from all its places fits none of them anyway."""
 HALF = np.sqrt(0.5)
 """Component of a unit diagonal displacement along each axis."""
 SMALL_SIGMA = 0.02
-"""Up to this error a fit as likely as it should be is the right one."""
+"""Up to this sigma (pitches), a fit whose likelihood is as expected is the right one."""
 
 
 class Fit(NamedTuple):
@@ -54,11 +54,11 @@ class Fit(NamedTuple):
 
     grid (4,): (a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l).
     nodes (n, 2): Grid point of each dot.
-    squares (n, 4): Squared distances from the places of the dot's grid point (+a axis, +b axis, -a, -b; of eight directions those
-        between as well, from +a to +b and on), in pitches squared.
-    sigma: Error of a good dot along one axis, in pitches.
-    value: Ln of the likelihood.
-    expected: Whether errors are small and the likelihood is what such errors give.
+    squares (n, directions): Squared distances, in pitches squared, from the displaced places of the dot's grid point: along +a,
+        +b, -a, -b; of eight directions with those between, from +a to +b and on.
+    sigma: Standard deviation of a good dot along one axis, in pitches.
+    value: Log likelihood.
+    expected: Whether sigma is small and the log likelihood is not below what such a sigma gives.
     """
 
     grid: FloatArray
@@ -81,12 +81,12 @@ def fit_grid(
     free_scale: bool,
     directions: int = 4,
 ) -> Fit:
-    """Fit angle, pitch and place of a grid whose every dot is displaced along one of four directions, or of eight.
+    """Fit angle, pitch and origin of a grid whose every dot is displaced along one of four directions, or of eight.
 
-    Likelihood of a mixture, its directions and the outliers weighed anew in every step (expectation maximisation).
+    Expectation maximisation of a mixture of the directions and outliers.
 
-    xy (n, 2): Dots about their middle, px.
-    weights (n,): Heights over that of a whole dot, at most 1.
+    xy (n, 2): Dots from their centroid, px.
+    weights (n,): Heights over that of a fully imprinted dot, at most 1.
     trust (n,)
     angle, pitch, phase_a, phase_b: From `lattice.find_lattices`.
     shift: Displacement as a share of the pitch.
@@ -116,9 +116,9 @@ def _best_fit(
     nodes: Ints,
     squares: FloatArray,
 ) -> tuple[float, float, bool]:
-    """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be; and `_nearest`.
+    """Fill in the likeliest grid and `_nearest`; all starts are tried if dots are few and the first fit is not `_as_expected`.
 
-    Returns the error of a good dot, the ln of the likelihood, and whether both are as they should be.
+    Returns sigma of a good dot, the log likelihood, and whether they are `_as_expected`.
     """
     dots = best_sigma = most = 0.0
     directions, expected = squares.shape[1], False
@@ -146,7 +146,7 @@ def _best_fit(
 
 @inlined_kernel()
 def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, squares: FloatArray) -> None:
-    """Fill in the grid point of each dot and the squared distances from its places."""
+    """Fill in the grid point of each dot and the squared distances from its displaced places, as `Fit.squares`."""
     for i in range(len(xy)):
         k, j = _on_grid((grid[0], grid[1], grid[2], grid[3]), xy[i, 0], xy[i, 1])
         # a displacement is less than half a pitch, so the nearest grid point is the dot's own (paper, section III-A.4)
@@ -175,7 +175,7 @@ def _grid(angle: float, pitch: float, phase_a: float, phase_b: float) -> Grid:
 
 @inlined_kernel()
 def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
-    """A point in pitches along both axes of a grid."""
+    """A point in grid coordinates (k, l), in pitches."""
     a, b = grid[0], grid[1]
     du, dv = u - grid[2], v - grid[3]
     norm = a * a + b * b
@@ -202,7 +202,7 @@ def _fitted(
     free_scale: bool,
     buffer: FloatArray,
 ) -> tuple[Grid, float, float]:
-    """The best grid from a start, a good dot's error, and the ln of the likelihood; `buffer` is overwritten."""
+    """The grid fitted from one start, sigma of a good dot, and the log likelihood; `buffer` is a work buffer."""
     n = len(weights)
     # the widest error first: a start that is somewhat off still explains its dots
     grid, sigma, value = start, MOST_SIGMA, 0.0
@@ -250,7 +250,7 @@ def _fitted(
 
 @inlined_kernel()
 def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
-    """Terms of the four diagonal places in the sum over all places, and in its moments along +a and +b."""
+    """Terms of the four diagonal places: in the sum over all places, and in its first moments along +a and +b."""
     # the places (+-h, +-h) shift, h = sqrt(1/2), are as far from the grid point as those on the axes: exp(shift h (+-e +- f) /
     # variance) is all that tells them apart, and the common factor is the caller's
     down = np.exp(clip(share * (e + f), -LARGEST_LN, LARGEST_LN))
@@ -262,10 +262,10 @@ def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
 
 @inlined_kernel()
 def _as_expected(weights: FloatArray, trust: FloatArray, directions: int, sigma: float, value: float) -> bool:
-    """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
-    # of a part d^2 / 2 variance has mean 1 and standard deviation 1 (two normal axes): sqrt(n) for n dots
-    # a dot that is a part stands at one place of density trust / directions; other places are too far to matter while sigma is
-    # small. One that is none has the density 1 - trust in its cell of area 1
+    """Whether sigma is small, and the log likelihood at most one standard deviation below its expected value."""
+    # for a part, d^2 / 2 variance has mean 1 and standard deviation 1 (two normal axes): sqrt(n) for n dots.
+    # A part stands at one place of density trust / directions; the other places are too far to matter while sigma is small.
+    # An outlier has the density 1 - trust in its cell of area 1
     expected = 0.0
     for i in range(len(weights)):
         if trust[i] > 0.5:
@@ -277,9 +277,9 @@ def _as_expected(weights: FloatArray, trust: FloatArray, directions: int, sigma:
 
 @inlined_kernel()
 def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> Grid:
-    """The grid that fits dots to their places by weighted least squares, of the old pitch unless that is free.
+    """Weighted least-squares grid that maps the dots' expected grid coordinates to `xy`; keeps the pitch unless `free_scale`.
 
-    `ideal` has k, j and the weight of each dot.
+    ideal (n, 3): Expected k and l, and weight of each dot.
     """
     sw = su = sv = sx = sy = 0.0
     for i in range(len(xy)):
@@ -289,7 +289,7 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
         sv += w * ideal[i, 1]
         sx += w * xy[i, 0]
         sy += w * xy[i, 1]
-    # about these middles the place of the grid drops out of the equations for a and b: it follows from them at the end
+    # about the weighted means the origin drops out of the equations for a and b: it follows from them at the end
     mu, mv, mx, my = su / sw, sv / sw, sx / sw, sy / sw
     # normal equations of x = a u - b v, y = b u + a v about the weighted middles
     num_a = num_b = den = 0.0
@@ -310,10 +310,10 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
 
 
 def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
-    """Probability of each dot's symbols before any tape is looked at; shape (n, directions), rows sum to 1.
+    """Posterior of each dot's symbol before any tape is looked at; shape (n, directions), rows sum to 1.
 
-    `rule.posteriors`: Gaussian error, wider for low dots, and outliers whose place says nothing. Of several dots at one grid
-    point only the likeliest part counts: E has the mean 1 only if each bit is a factor once.
+    As `rule.posteriors`: Gaussian errors, wider for low dots, and uniform outliers. Of several dots at one grid point only the
+    likeliest counts: E has the mean 1 only if each bit is a factor once.
     """
     q = np.empty(squares.shape)
     _fill_posteriors(nodes, squares, weights, trust, sigma, q)
@@ -324,7 +324,7 @@ def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: Flo
 def _fill_posteriors(
     nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float, q: FloatArray
 ) -> None:
-    """`rule.posteriors` of each dot; another dot on its grid point that is likelier makes it an outlier."""
+    """Fill in `posteriors`; a dot with a likelier one on its grid point is an outlier."""
     n, places = len(weights), squares.shape[1]
     for i in range(n):
         part = trust[i] * (1.0 - OUTLIER_SHARE)

@@ -1,8 +1,9 @@
 """Dots -> the grid they stand on: angle, pitch and phase from all dots at once, without knowing any symbol.
 
-Dots are displaced by a sixth of the pitch or so along one axis; the first harmonic of the grid survives that, so the power
-of the dots at the grid's wave vector shows angle and pitch, and its phase the grid itself. All dots count, where the paper
-looks for one baseline and one grid point (Eqs. 4 to 8). `rule.LEAST_GRID_POWER` derives how much power remains.
+Dots are displaced by about a sixth of the pitch along one axis. The first harmonic of the grid survives that, so the power
+spectrum of the dots has a peak at the grid's wave vector, which gives angle and pitch, and its phase gives the origin. All dots
+contribute; the paper looks for one baseline and one grid point (Eqs. 4 to 8).
+`rule.LEAST_GRID_POWER` derives how much power remains.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 ANGLES = 36
-"""Directions looked at over a quarter turn: 2.5 degrees, well inside the width of a peak (pitch over contact)."""
+"""Angles scanned over a quarter turn: steps of 2.5 degrees, well below the width of a peak (pitch over contact size)."""
 SCANNED = 28
-"""Dots, the strongest ones, with which directions are looked at; refined with all."""
+"""Angles are scanned with so many of the strongest dots, and refined with all."""
 REFINEMENTS = 3
 _SCALE_STEP = 0.07
 _COS = tuple((-1.0) ** k / factorial(2 * k) for k in range(9))
@@ -54,7 +55,7 @@ def _cos_sin(turns: float) -> tuple[float, float]:
 
 @inner_kernel(fastmath=True)
 def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tuple[float, float, float, float]:
-    """Real and imaginary sums of the dots at both wave vectors of a square grid."""
+    """Weighted Fourier sums of the dots at both wave vectors of a square grid: real and imaginary part of each."""
     # wave vectors k = (cu, cv) and k' = (-cv, cu), in turns per px
     cu, cv = np.cos(angle) / pitch, np.sin(angle) / pitch
     ar = ai = br = bi = 0.0
@@ -70,9 +71,9 @@ def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tu
 
 @kernel(fastmath=True)
 def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, buffer: FloatArray, power: FloatArray) -> None:
-    """Fill in the power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
+    """Fill in the summed power at both wave vectors of a square grid for ANGLES angles over a quarter turn.
 
-    The second wave vector of each is the first one a quarter turn on. `buffer` is (4, 2 ANGLES).
+    The second wave vector of an angle is the first one of the angle a quarter turn on. `buffer` is (4, 2 ANGLES).
     """
     cu, cv, real, imaginary = buffer[0], buffer[1], buffer[2], buffer[3]
     for j in range(2 * ANGLES):
@@ -92,7 +93,7 @@ def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, buffer: FloatA
 
 @inner_kernel()
 def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step_angle: float, step_pitch: float) -> float:
-    """Top of the parabola through the powers one step before, here and one step on; in steps from here, at most a half."""
+    """Maximum of the parabola through the powers one step before, here and one step on; in steps from here, at most a half."""
     slope = bend = 0.0
     for k in range(-1, 2):
         ar, ai, br, bi = _sums(xy, weights, angle + k * step_angle, pitch + k * step_pitch)
@@ -106,7 +107,7 @@ def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step
 
 @inlined_kernel()
 def _choose(xy: FloatArray, weights: FloatArray, ordered: FloatArray, few: FloatArray, few_weights: FloatArray) -> None:
-    """Fill in places and weights of the strongest dots, as many as fit into `few`; `ordered` is a work buffer."""
+    """Fill in positions and weights of the strongest dots, as many as fit into `few`; `ordered` is a work buffer."""
     n, least = len(weights), 0.0
     count = equal = len(few)
     if count < n:
@@ -127,15 +128,15 @@ def _choose(xy: FloatArray, weights: FloatArray, ordered: FloatArray, few: Float
 
 
 def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, tolerance: float, most: int) -> FloatArray:
-    """The best grids for some dots.
+    """The most likely grids for some dots, by their power.
 
-    xy (n, 2): About the middle of the dots, px.
+    xy (n, 2): Dots from their centroid, px.
     weights (n,)
     pitch_px: Expected pitch.
-    tolerance: How far the pitch may be off, as a share.
-    most: Grids asked for.
-    Returns (k, 5): Angle of the first axis, pitch px, phases of both axes (rad), share of the power that a perfect grid would
-        have; best first. Angles are from 0 to pi/2, and a little beyond either: they are not wrapped.
+    tolerance: Largest relative error of the pitch.
+    most: Largest number of grids.
+    Returns (k, 5): Angle of the first axis (rad), pitch (px), phases of both axes (rad), power over that of a perfect grid; best
+        first. Angles are from 0 to pi/2 and may lie slightly outside: they are not wrapped.
     """
     n, found = len(weights), np.empty((most, 5))
     few, few_weights, ordered = np.empty((min(n, SCANNED), 2)), np.empty(min(n, SCANNED)), np.empty(n)
@@ -157,7 +158,7 @@ def _fill_lattices(
     marks: IntArray,
     found: FloatArray,
 ) -> int:
-    """Fill what `find_lattices` returns, and return how many there are. The arrays from `few` to `marks` are work buffers."""
+    """Fill in what `find_lattices` returns, and return their number. The arrays from `few` to `marks` are work buffers."""
     # a peak over the pitch is as wide as pitch over contact, 0.14 for 11 mm of W = 1.5 mm: no scale is farther than 0.035 from
     # one tried
     steps = np.int64(np.ceil(tolerance / _SCALE_STEP))

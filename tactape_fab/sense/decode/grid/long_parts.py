@@ -1,9 +1,9 @@
-"""Dots of long parts: what a pressure that falls across the contact does to their tops.
+"""Correction of the dots of long parts, which a pressure gradient shifts more along their length than across.
 
-The relief of a part is that of its body times the pressure. Its top lies where the relative slopes of both cancel: off the
-body's own top by the squared width of that times the relative slope of the pressure. A part twice as long as wide is moved along
-itself six times as far as across. All parts lie alike, so that the contact looks contracted along them: the camera's aspect, its
-shear and the turn take that up.
+The relief of a part is that of its body times the pressure. Its maximum lies where the relative slopes of both cancel, away from
+the body's own maximum by the body's squared width times the relative slope of the pressure. A part twice as long as wide is
+shifted six times as far along itself as across. All parts lie alike, so the contact looks contracted along them, which a fit
+would mistake for the camera's aspect and shear, and for a rotation.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart, is_long
 
 DRAWN = 0.55
-"""How much farther a top moves along a part than across it, mm, by a relative slope of the heights of 1/mm; over the difference
-of the squares of length and width, mm^2. Of 0201 it is 0.13 to 0.16 mm^2 in contacts of the elastic simulator that are flat or
+"""How much farther a maximum shifts along a part than across it, mm, for a relative slope of the heights of 1/mm, over length^2 -
+width^2, mm^2. For 0201 the shift for 1/mm is 0.13 to 0.16 mm^2 in contacts of the elastic simulator that are flat or
 tilted by 2 degrees, with 0.5 and 2 N (seed 5)."""
 WHOLE = 0.8
-"""Lower dots, over the middle one of the higher half, are at the rim: the pressure inside does not show in them."""
+"""Dots lower than this share of the upper quartile are at the rim: their heights do not show the pressure inside."""
 LEAST_WHOLE = 8
 HEIGHT_ERROR, SLOPE, BEND = 0.05, 0.1, 0.05
-"""Scatter of ln of heights; slope (1/mm) and second derivatives (1/mm^2) of ln of the pressure that are believed before the frame
-is seen."""
+"""Standard deviation of ln of the heights; prior standard deviations of the slope (1/mm) and of the second derivatives (1/mm^2)
+of ln of the pressure."""
 FARTHEST_MM = 0.1
 
 
 def drawn_px(
     part: TapePart, heights: FloatArray, offset_px: FloatArray, texture_mm: FloatArray, px_per_mm: float
 ) -> FloatArray | None:
-    """How far tops lie off where parts of equal width and length would have them; None for parts that are not long.
+    """Shift of the maxima from where those of parts as wide as long would lie; None for parts that are not long.
 
-    heights (n,): Of the tops, in any unit.
-    offset_px (n, 2): Places in the image, square pixels.
-    texture_mm (n, 2): Nominal places of the same dots.
+    heights (n,): Of the maxima, in any unit.
+    offset_px (n, 2): Positions in the image, square pixels.
+    texture_mm (n, 2): Nominal positions of the same dots.
     Returns (n, 2): Square pixels.
     """
     if not is_long(part.shape, part.body_mm):
@@ -66,7 +66,10 @@ def _draw(
     normal: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Fill in the moves of all dots, by a second-order surface through ln of the heights of whole ones; the rest is for work."""
+    """Fill in the shifts of all dots, px, from a second-order surface fitted to ln of the heights of those not at the rim.
+
+    `ordered` and `normal` are work buffers.
+    """
     # normal is 6 x 7, with the right side in the last column; its seventh row is only memory for the terms of a dot
     n, terms, share = len(heights), normal[6], 1.0 / len(heights)
     u = v = x = y = cos = sin = 0.0

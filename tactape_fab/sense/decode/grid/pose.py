@@ -1,4 +1,4 @@
-"""Agreeing dots -> pose: a robust fit says which dots agree, a Bayesian one (`posterior`) what they say."""
+"""Dots -> pose: a robust fit finds the inliers, and `posterior` fits the pose to them, with covariance."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from tactape_fab.texture.frames import BoolArray, FloatArray
 FIT_STEPS = 5
 LEAST_SIGMA_MM = 0.004
 FEW_DOTS = 7.0
-"""The median of few distances is often too small: of n agreeing dots the pose is fitted to those within 1 + 7 / n times the
-distance as well. Without them it would be surer than right: of 9 dots NEES/3 2.0, with them 1.2."""
+"""The median of few distances is often too small: with n inliers the limit is widened by 1 + 7 / n before the pose is fitted.
+Without that the covariance would be too small: NEES/3 is 2.0 with 9 dots, and 1.2 with the wider limit."""
 LEAST_WEIGHT = 0.15
 """Lighter dots are more likely noise than parts: they take no part in the fit."""
 
@@ -29,9 +29,9 @@ class Pose:
 
     position_mm (2,)
     covariance (3, 3): Of (x mm, y mm, theta rad); infinite where the dots leave the pose open.
-    agree (n,): Dots that fit.
-    sigma_mm: Error of one dot along one axis, without what the gel's displacement adds.
-    camera (2, 3): Aspect, shear and k1 beyond the profile's, as fitted together with the pose, and their standard deviations.
+    agree (n,): Inliers.
+    sigma_mm: Standard deviation of one dot along one axis, without the gel's displacement.
+    camera (2, 3): Corrections of the profile's aspect, shear and k1, fitted together with the pose; their standard deviations.
     """
 
     position_mm: FloatArray
@@ -44,7 +44,7 @@ class Pose:
 
     @property
     def finite(self) -> bool:
-        """Whether the dots give a pose and a covariance."""
+        """Whether pose and covariance are finite."""
         return all(map(isfinite, (*self.position_mm.tolist(), *self.covariance.ravel().tolist(), self.px_per_mm)))
 
 
@@ -66,15 +66,15 @@ def fit_pose(
     the gel by the camera, whose parameters have normal priors. The errors of dots have the covariance
     sigma^2 / sqrt(weight) + rim^2 on the diagonal, or sigma^2 / weight if not `smoothed`, plus that of the gel's displacement,
     a Gaussian process. The unknown sigma has an inverse gamma prior. The posterior of S and theta is then close to a t
-    distribution, and its covariance is what is said.
+    distribution, whose covariance is returned.
 
     offset_px (n, 2): Dots from the image centre p0, in square pixels of the profile's camera without distortion.
-    texture_mm (n, 2): Nominal places of the same dots on the texture.
+    texture_mm (n, 2): Nominal positions of the same dots on the texture.
     weights (n,)
     px_per_mm: The sensor profile's scale.
-    least_sigma_mm: Least error of a dot along an axis that the robust fit believes.
+    least_sigma_mm: Lower limit of the robust fit's estimate of a dot's error along an axis.
     smoothed: As for `posterior`.
-    placed_mm (n,): Standard deviation of each part's measured place; None where it is not known, and part of a dot's error.
+    placed_mm (n,): Standard deviation of each part's measured position; None if unknown, and then part of a dot's own error.
     unsure_px (n, 2): As `unsure_mm` of `posterior`, in px.
     """
     n = len(weights)
@@ -107,7 +107,7 @@ def fit_pose(
 
 @inner_kernel()
 def _similarity(px: FloatArray, mm: FloatArray, weights: FloatArray, out: FloatArray) -> None:
-    """(cos / R, sin / R, middle of the pixels, middle of the texture points) of the best similarity."""
+    """Fill in the weighted least-squares similarity: (cos / R, sin / R, centroids of the pixels and of the texture points)."""
     total = u = v = x = y = 0.0
     for i in range(len(weights)):
         w = weights[i]
@@ -134,7 +134,7 @@ def _similarity(px: FloatArray, mm: FloatArray, weights: FloatArray, out: FloatA
 
 @inner_kernel()
 def _squares(px: FloatArray, mm: FloatArray, fit: FloatArray, out: FloatArray) -> None:
-    """Squared distances (mm) of texture points from where a similarity (1/R) [[cos, sin], [-sin, cos]] has them."""
+    """Fill in squared residuals, mm^2: distances of texture points from pixels mapped by (1/R) [[cos, sin], [-sin, cos]]."""
     for i in range(len(px)):
         p, q = px[i, 0] - fit[2], px[i, 1] - fit[3]
         x = mm[i, 0] - fit[4] - (fit[0] * p + fit[1] * q)
@@ -144,7 +144,7 @@ def _squares(px: FloatArray, mm: FloatArray, fit: FloatArray, out: FloatArray) -
 
 @inlined_kernel()
 def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArray) -> float:
-    """Median distance of the dots with a weight, from squared distances; `ordered` is a work buffer."""
+    """Median distance of the dots with a weight above 0, from squared distances; `ordered` is a work buffer."""
     n = 0
     for i in range(len(squares)):
         if weights[i] > 0.0:
@@ -163,7 +163,7 @@ def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArr
 
 @inlined_kernel()
 def _base_weights(weights: FloatArray, out: FloatArray) -> None:
-    """Weights at most 1, zero for dots that may be noise; those of all dots where that leaves too few."""
+    """Fill in weights of at most 1, with 0 for dots that may be noise; all dots keep theirs if too few would be left."""
     count = 0
     for i in range(len(weights)):
         out[i] = clip(weights[i], 0.0, 1.0) if weights[i] > LEAST_WEIGHT else 0.0
@@ -186,9 +186,9 @@ def _agreeing(
     agree: BoolArray,
     buffer: FloatArray,
 ) -> None:
-    """Fill `fit` (of `_similarity`, then a dot's error), the weights to go on with, and who agrees.
+    """Fill in `fit` (from `_similarity`, then a dot's error), the weights for the pose's fit (`keep`), and the inliers (`agree`).
 
-    `buffer` is overwritten.
+    `buffer` is a work buffer.
     """
     n = len(weights)
     base, squares, ordered = buffer[0], buffer[1], buffer[2]

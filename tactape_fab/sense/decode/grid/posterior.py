@@ -1,4 +1,4 @@
-"""Agreeing dots -> posterior of the pose: generalised least squares with camera and gel as unknowns that have priors."""
+"""Inliers -> posterior of the pose: generalised least squares with priors on the camera and gel parameters."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart, is_long
 
 ONE_PLACE = 1e-9
-"""Share of their squared distances from the image centre that dots in one place have from their own middle."""
+"""Dots are in one place if their squared distances from their centroid are at most this share of those from the image centre."""
 RIM_MM = 0.09
-"""Error of a dot by the contact's rim, for a missing weight of 1: with the power 7/8 of it, 5 um at 0.04, 27 at 0.25 and 57 at
-0.6, as measured."""
+"""Standard deviation of a dot's error by the contact's rim at a missing weight of 1; it grows with the power 7/8 of the missing
+weight: 5 um at 0.04, 27 um at 0.25 and 57 um at 0.6, as measured."""
 USUAL_MM, USUAL_ERRORS = 0.006, 1.0
-"""Error of a whole dot believed before the frame is seen, and how many errors this belief counts as. With sensors of different
-noise, and tapes of different placement, dots err by 5 to 100 um: so it is worth little."""
+"""Prior of a full dot's standard deviation, and the number of errors that it counts as. With sensors of different noise, and
+tapes of different placement, it is 5 to 100 um: so the prior is weak."""
 PUSH_MM, PUSH_SIGMA_MM, PUSH_REACH_MM = 0.012, 0.01, 0.43
-"""How far the top of a dot lies off its part, away from a neighbour that is 1 mm off, by what the filter leaves of that one's
-flank; how sure that is; and how it falls with the distance d, as d exp(-d^2 / 2 reach^2). 10 to 25 um for gels that blur by
-0.05 to 0.25 mm. Neighbours push each other alike: without it the scatter of dots says more error than the pose has."""
+"""Push: shift of a dot away from a neighbour 1 mm off, by what the filter leaves of that one's flank; its prior standard
+deviation; and its fall with the distance d, as d exp(-d^2 / 2 reach^2). It is 10 to 25 um for gels that blur by 0.05 to 0.25 mm.
+Neighbours push each other alike, so without it the residuals would suggest a larger error than the pose has."""
 PUSH_LEAN = 0.75
 """How much farther a neighbour pushes along a part than across it, half the difference over the mean, for (length - width) /
 (length + width) of 1. Two 0201 that are 1 mm apart, at 45 degrees to what joins them, move each other's tops by 13.2 um along
 that and by 3.2 um across, towards their lengths: 981 pairs of the default scene."""
 LEAST_APART_MM, MOST_APART_MM = 0.3, 2.57
-"""Dots nearer than this do not push each other, they are one part seen twice; nor do those farther apart. Nodes of a usual pitch
-have no such distance: which side one is on is not left to rounding."""
+"""Dots nearer than the first do not push each other, they are one part seen twice; nor do those farther apart than the second.
+Grid points of usual pitches have neither distance, so rounding does not decide on which side they are."""
 PULL, PULL_SIGMA, PULL_REACH_MM = 0.2, 0.12, 2.0
-"""How far a dot at the rim lies inwards, per unit of missing weight and of its distance from the middle of the dots within about
-the reach, and how sure that is: `rim.settled` takes a small loss of height for noise. It puts back more where more is missing:
-so the pull grows up to a missing weight of 0.15, and from there it falls to nothing at 0.5."""
+"""Pull: shift of a dot at the rim inwards, per unit of missing weight and of its distance from the centroid of the dots within
+about the reach, and its prior standard deviation. It corrects what `rim.settled` takes for noise, which is less where more weight
+is missing: so it grows up to a missing weight of 0.15, and falls to 0 at 0.5."""
 PULL_MOST, PULL_END, PULL_FALL = 0.15, 0.5, 0.43
 LEAST_STEPS, MOST_STEPS, SETTLED = 2, 10, 0.05
-"""Steps of Gauss and Newton, until the variance of a dot changes by a smaller share."""
+"""Least and largest number of Gauss-Newton steps; they end once a dot's variance changes by less than the share `SETTLED`."""
 MOST_CORRELATED = 100
-"""Dots, those of most weight, that are used where the gel's displacement correlates their errors."""
+"""Largest number of dots if the gel's displacement correlates their errors; those of most weight are used."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Beliefs:
     """Priors of a sensor's camera and gel.
 
-    The camera is the profile's; the parameters below are what it may be off by.
+    Camera parameters are corrections of the profile's, of mean 0.
 
     sigmas (4,): Standard deviations of ln of the scale, aspect, shear and k1; 0 where it is exact.
     corner_mm (2,): r_corner of the radial distortion over the px/mm along u and v.
     centre_mm (2,): Centre of the distortion, from the image centre.
-    gel_mm, correlation_mm: Root mean square of the gel's smooth displacement along each axis, and the Gaussian's standard
-        deviation.
+    gel_mm, correlation_mm: Root mean square of the gel's smooth displacement along each axis, and the standard deviation of its
+        Gaussian correlation.
     lean: How much farther neighbours push along parts than across, times cos and sin of twice the parts' direction on the
         texture.
     """
@@ -68,7 +68,7 @@ class Beliefs:
 
 
 class _Terms(NamedTuple):
-    """Arguments of `_settled` but its work buffer: dots, priors of the camera, and arrays that it fills in."""
+    """Arguments of `_settled` except its work buffer `shares`: dots, priors of the camera, and arrays that it fills in."""
 
     seen_mm: FloatArray
     target: FloatArray
@@ -124,26 +124,25 @@ def posterior(
     placed_mm2: FloatArray | None,
     unsure_mm: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
-    """Mean and covariance of a pose.
+    """Posterior mean and covariance of a pose.
 
-    Unknowns are (x, y, theta), then over their standard deviations ln of the scale, aspect, shear, k1, the push of neighbours and
-    the pull of the rim. A dot's own error has the variance sigma^2 / sqrt(weight), to which that by the rim and the gel's
-    displacement, a Gaussian process, are added; sigma^2 is unknown, with an inverse gamma prior.
+    Unknowns are (x, y, theta), then ln of the scale, aspect, shear, k1, the push of neighbours and the pull of the rim, each over
+    its prior standard deviation. A dot's own error has the variance sigma^2 / sqrt(weight), to which those by the rim and by the
+    gel's displacement, a Gaussian process, are added; sigma^2 is unknown, with an inverse gamma prior.
 
     seen_mm (n, 2): Dots from the image centre, over the profile's px/mm.
     texture_mm (n, 2); weights (n,)
     px_per_mm: The profile's.
-    fit (7,): The robust fit to start from: cos / R, sin / R, middle of the pixels and of the texture points, error of a dot.
-    smoothed: Whether places are tops of a smoothed image, which neighbours and the rim draw; otherwise a dot's own error has the
-        variance sigma^2 / weight, and nothing is added but the gel's displacement.
-    placed_mm2 (n,): Known variance of each part's place, to be added.
-    unsure_mm (n, 2): How far dots may be off together along the image's axes, by one unknown factor of mean 0 and variance 1; it
-        takes the place of the rim's pull. Only if `smoothed`.
+    fit (7,): The robust fit to start from: cos / R, sin / R, centroids of the pixels and of the texture points, a dot's error.
+    smoothed: Whether positions are maxima of a smoothed image, which neighbours and the rim shift; otherwise a dot's own error
+        has the variance sigma^2 / weight, and only the gel's displacement is added.
+    placed_mm2 (n,): Known variance of each part's position, to be added.
+    unsure_mm (n, 2): Common shift of the dots along the image's axes per unit of one unknown factor of mean 0 and variance 1; it
+        replaces the rim's pull. Only if `smoothed`.
     Returns at (4,): x mm, y mm, theta rad, ln of the scale over the profile's; NaN where all dots are in one place.
     Returns covariance (3, 3): Of (x mm, y mm, theta rad); infinite where all dots are in one place.
-    Returns sigma_mm: Error of a whole dot along one axis.
-    Returns camera (2, 3): Aspect, shear and k1 beyond the profile's, and their standard deviations; NaN where all dots are in one
-        place.
+    Returns sigma_mm: Standard deviation of a full dot along one axis.
+    Returns camera (2, 3): Corrections of aspect, shear and k1, and their standard deviations; NaN if all dots are in one place.
     """
     along, across, u, v, middle_x, middle_y, sigma = said = fit.tolist()
     # 1 / R: mm on the texture per px, by which the robust fit takes px to mm
@@ -236,10 +235,10 @@ def _drawn(
     target: FloatArray,
     out: FloatArray,
 ) -> tuple[float, float]:
-    """Fill in texture points in the image's axes from their middle (2, n), and what the neighbours do to each dot (2, 2, n).
+    """Fill in texture points from their centroid in the image's axes, `target` (2, n), and push and pull of each dot (2, 2, n).
 
-    That is the sum of all pushes over that of a neighbour at 1 mm, and the pull over that of a unit; without space for it nothing
-    is filled in. Returns the sums of the squared distances of the dots seen from their own middle, and from the image centre.
+    Push and pull are those for factors of 1, and left out if `out` is empty. Returns the sums of the squared
+    distances of the dots seen from their own centroid, and from the image centre.
     """
     u = v = squares = 0.0
     for i in range(len(weights)):
@@ -291,7 +290,7 @@ def _settled(
     spread: FloatArray,
     shares: FloatArray,
 ) -> float:
-    """Take steps until the variance of a whole dot has settled, and return it; `rates` and `shares` are work buffers."""
+    """Take Gauss-Newton steps until a full dot's variance converges, and return it; `rates` and `shares` are work buffers."""
     for taken in range(1, MOST_STEPS + 1):
         _linearised(seen_mm, target, drawn, sigmas, corner_mm, centre_mm, state, rates)
         known = _summed(rates, weights, rim_mm2, variance, shares, normal, spread)
@@ -304,7 +303,7 @@ def _settled(
 
 @inner_kernel()
 def lens_of(k1: float, square: float) -> tuple[float, float]:
-    """By what a distortion is undone at r^2 / r_corner^2 as seen, L with L (1 + k1 r^2 L^2) = 1, and its derivative by k1."""
+    """Factor L that undoes radial distortion at a seen r^2 / r_corner^2, L (1 + k1 r^2 L^2) = 1, and its derivative by k1."""
     # started from the value at L = 1; after the step L is off by less than 1e-5 for |k1| up to 0.05 at the corner, which moves
     # a dot there by 0.1 um, and by 1e-3 for 0.1
     lens = 1.0 / (1.0 + k1 * square)
@@ -325,10 +324,10 @@ def _linearised(
     state: FloatArray,
     rates: FloatArray,
 ) -> None:
-    """Fill in the derivatives of the dots' texture points by the unknowns, and what is left of the target; (10, 2, n).
+    """Fill in the Jacobian of the dots' texture points by the nine unknowns, and the residuals of the target last; (10, 2, n).
 
-    A dot seen at p by the profile's camera is at q on it, p = (1 + k1 r^2 / r_corner^2) A q, with the matrix A of `Geometry`:
-    two cameras in a row are one, but for products of their distortions. Derivatives neglect such products.
+    A dot seen at p by the profile's camera is at q on the gel, p = (1 + k1 r^2 / r_corner^2) A q, with A as in `Geometry`:
+    two cameras in a row are one, up to products of their distortions. Derivatives neglect such products.
     """
     shrink, aspect = np.exp(-state[3] * sigmas[0]), 0.5 * state[4] * sigmas[1]
     shear, k1, c, s = state[5] * sigmas[2], state[6] * sigmas[3], np.cos(state[2]), np.sin(state[2])
@@ -366,9 +365,10 @@ def _summed(
     normal: FloatArray,
     spread: FloatArray,
 ) -> float:
-    """Fill in the products of all rows, weighted by 1 / variance, and by the derivative of that; returns its sum over the dots.
+    """Fill in the normal matrix, weighted by 1 / variance (`normal`), and minus its derivative by `variance` (`spread`).
 
-    The variance of a dot is that of a whole one times 1 / sqrt(weight), and what the rim adds.
+    The variance of a dot is that of a full one over sqrt(weight), plus the rim's. Returns the sum over the dots of
+    d ln(variance of the dot) / d variance.
     """
     known = 0.0
     for i in range(len(weights)):
@@ -390,7 +390,7 @@ def _summed(
 
 @inner_kernel()
 def eliminate(matrix: FloatArray, k: int, rows: int) -> None:
-    """A step of Gauss and Jordan, in place: after `rows` of them the square in front is its inverse, the rest is solved."""
+    """Gauss-Jordan step k, in place: after `rows` steps the leading square is its inverse, and further columns are solved."""
     pivot = 1.0 / matrix[k, k]
     matrix[k, k] = 1.0
     for j in range(matrix.shape[1]):
@@ -405,10 +405,10 @@ def eliminate(matrix: FloatArray, k: int, rows: int) -> None:
 
 @inner_kernel()
 def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance: float, known: float) -> float:
-    """Take a step of Gauss and Newton: the normal equations, `normal`, become the covariance (9, 9), and the state is moved.
+    """Take a Gauss-Newton step: `normal` becomes the covariance (9, 9), and `state` is updated.
 
-    Row and column 9 are those of what is left of the target. Returns the variance of a whole dot that the errors after the step
-    speak for; `known` is from `_summed`.
+    Row and column 9 belong to the residuals. Returns the estimate of a full dot's variance after the step; `known` is from
+    `_summed`.
     """
     for k in range(3, 9):  # the priors
         normal[k, k] += 1.0
@@ -430,4 +430,4 @@ def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance
 
 
 _linearised_alone, _stepped_alone = kernel()(_linearised.py_func), kernel()(_stepped.py_func)
-"""For Python, which calls them, and so has them compiled, only where a profile says that the gel is displaced."""
+"""Kernels callable from Python, compiled only if a profile gives the gel's displacement."""
