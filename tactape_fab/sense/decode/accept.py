@@ -62,9 +62,9 @@ def accept_place(
     reading: From `rank.read`.
     pixels: The frame, where its pixels are to refine the pose of an answer that is accepted.
     pressed (ContactView, Image, Image): The canonical frame, and as dots were detected in it, where its depths are millimetres.
-    sharper: By what dots are off, in square pixels (n, 2), and how high they are (n,), from where they are seen, px of the frame,
-        their offsets from the image centre, square pixels, and their nominal places, mm; all (n, 2). Only the pose is fitted to
-        better ones: what is searched and accepted, and the contact dot, are as without.
+    sharper: Function of the dots' detected positions (px of the frame), their offsets from the image centre (square pixels) and
+        their nominal positions (mm), each (n, 2), that returns corrections in square pixels (n, 2) and heights (n,). Only the
+        pose is fitted to corrected dots: search, acceptance and the contact dot use the uncorrected ones.
     Returns answer: Located, or with the reason of refusal.
     Returns explained: Whether the dots fit an unregistered tape instead.
     """
@@ -149,7 +149,7 @@ class _OnTape:
 
 
 def _on_tape(dots: Dots, place: Place | PlanePlace, view: View) -> _OnTape:
-    """The dots on the answer's tape; in the plane of a code a place is its own tape without an edge, and its bits are x + 2 y."""
+    """The dots on the answer's tape; without a tape, all dots, at the symbols that the code's plane has there (bits x + 2 y)."""
     if isinstance(place, PlanePlace):
         return _OnTape(
             inside=np.ones(len(place.cells), dtype=bool),

@@ -20,10 +20,10 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 _Kind = TypeVar("_Kind", bound=np.generic)
 ALIKE = 1.15
-"""Standard deviation of aspect and shear over what it would be if dots erred one by one: those on one side of the rim err alike.
-Without it they are 5 to 20 % too small (`python -m tests.bench.nees`)."""
+"""Factor on the standard deviations of aspect and shear for correlated errors: dots on one side of the rim err alike. Without it
+they are 5 to 20 % too small (`python -m tests.bench.nees`)."""
 OBSERVED = 0.9
-"""A parameter of the camera is observed by a frame that leaves less than this share of its standard deviation."""
+"""A frame observes a camera parameter if its posterior standard deviation is less than this share of the prior one."""
 
 
 class LazyDots(LocatedDots):
@@ -84,7 +84,7 @@ def located_dots(
 
 
 def _of_all(values: npt.NDArray[_Kind], inside: BoolArray, fill: float) -> npt.NDArray[_Kind]:
-    """Values of the dots inside as values of all, the others filled."""
+    """Values of the dots inside, expanded to all dots; the others get `fill`."""
     if len(values) == len(inside):
         return values.copy()
     out = np.full((len(inside), *values.shape[1:]), fill, dtype=values.dtype)

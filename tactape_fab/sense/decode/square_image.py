@@ -1,4 +1,4 @@
-"""The image with square pixels, in which the decoder measures: a sensor's dots taken to it, and looked at more closely."""
+"""The undistorted image with square pixels, in which the decoder measures: a sensor's dots converted to it, and refined."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SquareImage:
     detection_px_per_mm: float
 
     def places(self, xy_px: FloatArray) -> FloatArray:
-        """Places of the canonical image, shape (n, 2), in square pixels."""
+        """Positions in the canonical image, shape (n, 2), converted to square pixels."""
         if self.straight:
             out: FloatArray = xy_px * (1.0, self.aspect)
         else:
@@ -49,7 +49,7 @@ class SquareImage:
         return out
 
     def image(self, image: Image) -> Image:
-        """A canonical depth map as the perfect camera has it, with the same centre.
+        """A canonical depth map resampled for the perfect camera, with the same centre.
 
         Raises MissingLibraryError without OpenCV, where there is something to change.
         """
@@ -77,10 +77,10 @@ class SquareImage:
     def shifts(
         self, part: TapePart | None, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """How far dots are from where they were detected, square pixels, shape (n, 2), and how high they are, shape (n,).
+        """Corrections of the detected positions, square pixels, shape (n, 2), and heights of the dots, shape (n,).
 
-        part: Of the tapes, where all have the same.
-        high: The depth map without its coarse shapes.
+        part: The tapes' part; None if they differ.
+        high: The band-passed depth map, `Dots.high`.
         seen_px, offset_px, texture_mm (n, 2): Where each was detected, in pixels of the canonical image; the rest as
             `grid.long_parts.drawn_px` takes it.
         """

@@ -29,7 +29,7 @@ _log = logging.getLogger("tactape_fab")
 
 
 def announce() -> None:
-    """Say that kernels are going to be compiled, where they are."""
+    """Print that kernels will be compiled, unless they are already."""
     if compiled():
         return
     if KEPT:
@@ -42,12 +42,12 @@ def announce() -> None:
 
 
 def cache_folder() -> Path | None:
-    """Folder of the compiled functions; None where none can be written."""
+    """Folder of the compiled functions; None if none is writable."""
     return Path(str(turned.stats.cache_path)) if KEPT else None
 
 
 def compiled() -> bool:
-    """Whether kernels are in memory, or on the disk and of these sources, or plain Python; without a file none is tried."""
+    """Whether no kernel has to be compiled: they are in memory, in an up-to-date cache on disk, or plain Python."""
     if not COMPILED or turned.signatures:
         return True
     folder = cache_folder()

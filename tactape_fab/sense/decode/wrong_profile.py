@@ -38,7 +38,7 @@ as W / sqrt(13) for a displacement of W / 6, has a larger one."""
 CLEARLY_OFF = 0.05
 """How far beyond the tolerance a pitch must be off to be named where no tape confirms it; small contacts give it to 2 %."""
 _FOUND_TO = 0.04
-"""How far a pitch that was found may still be off, as a share: twice as far as that of small contacts."""
+"""Largest relative error of a pitch that was found: twice that of small contacts."""
 _ANY_BOUND = inf
 """As `read`'s limit: no other grid is tried, so that a frame of something else costs little."""
 
@@ -98,7 +98,7 @@ def _as_of_a_tape(seen: Seen, raw: Dots, pitch_px: float) -> bool:
 
 
 def _off_scale(seen: Seen, raw: Dots, pitch_px: float) -> str | None:
-    """The word for a tape that is seen on a grid of another pitch."""
+    """The reason for a tape that is seen at another scale; None if nothing shows one."""
     found = _decoded_at(seen, raw, pitch_px)
     if found is None:
         return None
@@ -107,7 +107,7 @@ def _off_scale(seen: Seen, raw: Dots, pitch_px: float) -> str | None:
 
 
 def _of_negated(seen: Seen, raw: Dots) -> str | None:
-    """The word for a frame whose sign is inverted."""
+    """The reason for a frame whose sign is inverted; None if it is not."""
     pitch_px = _pitch(seen, raw)
     if pitch_px is None:
         return None
@@ -133,7 +133,7 @@ def _decoded_at(seen: Seen, raw: Dots, pitch_px: float) -> Localization | None:
 
 
 def _decoded(seen: Seen, view: View, dots: Dots, bound: float) -> Localization | None:
-    """The located answer that dots have in a view."""
+    """The located answer of dots in a view; None if there is none."""
     if dots.trust.sum() < 1.0:
         return None
     limits = seen.limits
@@ -173,12 +173,12 @@ def _pitch(seen: Seen, raw: Dots) -> float | None:
 
 
 def _centred(dots: Dots) -> tuple[FloatArray, FloatArray]:
-    """Dots about their middle, px, and how much each says of a grid."""
+    """Dots from their centroid, px, and the weight of each in a fit of the grid."""
     return dots.xy_px - dots.trust @ dots.xy_px / dots.trust.sum(), dots.trust * np.minimum(dots.weights, 1.0)
 
 
 def _nearest(xy: FloatArray) -> float:
-    """Middle distance of a dot from the nearest other one, px."""
+    """Median distance of a dot from its nearest neighbour, px."""
     apart = ((xy[:, None] - xy) ** 2).sum(axis=2)
     np.fill_diagonal(apart, inf)
     return float(np.sqrt(np.median(apart.min(axis=1))))

@@ -13,7 +13,7 @@ ROUND = 0.3
 """Smaller curvature over the larger, below which a surface counts as bent about one axis: a gel without its profile's crown shows
 1/113 mm along a cylinder's axis. Contacts of the imprint model, which are domes, have 0.5 and more."""
 MOST_SINE = 0.95
-"""Sine of the slope, 72 degrees, up to which places on a flank are believed."""
+"""Largest sine of the slope, 72 degrees, at which positions on a flank are computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,7 +24,7 @@ class Bend:
     sine: Sine of the slope along it in the image's centre, positive where the tape rises towards the sensor.
     curvature: By how much the slope's angle grows along the arc, 1/mm: -1 / radius round a cylinder.
     along: Slope along the axis.
-    middle_mm: Where the contact's middle is from the image's centre, across the axis.
+    middle_mm: Position of the contact's middle from the image's centre, across the axis.
     angle_sigma, curvature_sigma, along_sigma: Standard deviations of the slope's angle in the middle, rad, of the curvature, and
         of the slope along the axis.
     """
@@ -51,14 +51,14 @@ class Bend:
         return steep * self.across + self.along * np.array([-self.across[1], self.across[0]])
 
     def height_mm(self, middle_mm: FloatArray) -> float:
-        """Height in the image's centre over that in the contact's middle, (2,)."""
+        """Height in the image's centre minus that in the contact's middle, which is at `middle_mm` (2,)."""
         cosine, at_middle = (sqrt(max(1.0 - s * s, 0.0)) for s in (self.sine, self.sine + self.curvature * self.middle_mm))
         # d height / d arc is the sine and d angle / d arc the curvature: heights differ as the cosines do
         along = self.along * float(middle_mm @ (-self.across[1], self.across[0]))
         return (at_middle - cosine) / self.curvature - along
 
     def unrolled(self, seen_mm: FloatArray, part_mm: float) -> FloatArray:
-        """Places as on the flat film under them, from the image's centre, of tops seen along the sensor's axis; both (n, 2).
+        """Positions on the flattened film, from the image's centre, of tops seen along the sensor's axis; both (n, 2).
 
         part_mm: Height of the tops over the film.
         """
@@ -71,7 +71,7 @@ class Bend:
         return out + np.outer(along * sqrt(1.0 + self.along**2), (-self.across[1], self.across[0]))
 
     def unsure(self) -> tuple[Bend, Bend, Bend]:
-        """The same with its angle in the middle, its curvature, and its slope along the axis off by a standard deviation."""
+        """Three copies: with the angle in the middle, the curvature, or the slope along the axis off by a standard deviation."""
         at_middle = self.sine + self.curvature * self.middle_mm
         curvature = self.curvature + self.curvature_sigma
         turned = at_middle + self.angle_sigma * sqrt(max(1.0 - at_middle**2, 0.0))

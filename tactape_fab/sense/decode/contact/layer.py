@@ -19,11 +19,11 @@ from tactape_fab.texture.frames import BoolArray, FloatArray
 POISSON = 0.485
 """Poisson's ratio of a gel whose profile has none: silicone, nearly incompressible."""
 PRESSURE = 8.0
-"""Pressure believed under a gel that is pressed in by 1 mm, over its Young's modulus; forces hardly depend on it."""
+"""Prior standard deviation of the pressure per mm of indentation, over Young's modulus; forces hardly depend on it."""
 ERROR_MM = 0.003
 """Error of a cell's mean depth: a photometric sensor's noise, and parts that stand anywhere within a cell."""
 SHARE = 0.05
-"""Error of the force as a share, by what the layer does not have: slopes that saturate, large strains, a crown."""
+"""Relative error of the force by effects that the layer model leaves out: slopes that saturate, large strains, a crown."""
 _MIRRORS = 2
 """Multiples of the grid's frequency on each side that cells' means still show."""
 

@@ -20,7 +20,7 @@ GAIN, GAIN_SIGMA = 0.95, 0.05
 """Share of slopes that sensors measure, a prior: a depth network that saturates at slopes of 1.2 loses 2 to 11 %
 of tilts and curvatures between the steep edges of parts (elastic simulator, 0.5 to 10 N); one that does not loses nothing."""
 BENT_SIGMA = 0.1
-"""Curvature of a tape, 1/mm, believed before the frame is seen."""
+"""Prior standard deviation of a tape's curvature, 1/mm."""
 FLAT_TOLERANCE = 0.0004
 """Curvature, 1/mm, by which tops of a flat tape may differ from the crown; it is 1/2500 mm."""
 FLAT_CHI2 = 11.3
@@ -32,9 +32,9 @@ ROUNDS, FAR = 3, 2.5
 """Rounds of the robust fit, and the errors at which its weight has fallen to a quarter (Geman and McClure)."""
 LEAST_ERROR_MM = 0.0015
 CORRELATED = 1.5
-"""Tops err together, by the gel between them: their number counts two thirds."""
+"""The gel correlates the errors of tops: variances are so many times those of independent tops."""
 SLOPE_FLOOR, SLOPE_SHARE = 2.0e-4, 0.01
-"""Errors of the slopes that the scatter of tops does not show: 0.01 degree, and a share of the slope."""
+"""Systematic standard errors of the slopes, which the scatter of tops does not show: 0.01 degree, and a share of the slope."""
 APEX_MM = 1.0
 """How far the gel's highest point may be from the image's centre where the sensor's profile has no crown."""
 
@@ -45,7 +45,7 @@ class Plane:
 
     rise (3,): Height in the image's centre, mm, and slopes along image u and v.
     covariance (3, 3): Without the error of the frame's zero.
-    gain: What the frame shows of a height or a slope, as a share.
+    gain: Measured over true height or slope.
     flat: Whether the tops' curvature is that of the gel's crown.
     shown (6,): The fitted surface as the frame shows it: height, slopes, and second derivatives by uu, vv and uv.
     shown_variance (6, 6)

@@ -33,7 +33,7 @@ NO_ZERO, UNKNOWN_ZERO_MM = 1e-4, 0.2
 INDENTATION_SHARE = 0.02
 """Error of an indentation as a share: parts' tops are blurred."""
 SURE = 5.0
-"""Standard deviations by which something is out of the question."""
+"""Number of standard deviations at which a hypothesis is rejected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,7 +63,7 @@ class ContactView:
     gel: Gel
 
     def on_gel(self, seen_px: FloatArray) -> FloatArray:
-        """Places of pixels, right and down of the image centre; both (n, 2), px and mm."""
+        """Positions of pixels on the gel, right and down of the image centre; (n, 2), px to mm."""
         if self.bent is not None:
             return self.bent.from_px(seen_px) - self.bent.from_px(self.centre_px)
         return (seen_px - self.centre_px) / self.px_per_mm
@@ -167,7 +167,7 @@ class ContactSurface:
         return self._fitted is not None and hypot(*self._fitted.rise[1:]) > MOST_SLOPE
 
     def lie(self) -> Lie | None:
-        """How a tape lies that is tilted by 1 to 30 degrees or bent; None of any other, or one that is not known to be.
+        """Slope and bend of a tape that is tilted by 1 to 30 degrees or bent; None for any other, and where that is not known.
 
         A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit, unless they are
         round a cylinder.
@@ -181,7 +181,7 @@ class ContactSurface:
         return Lie(slope=plane.rise[1:], bend=plane.bend, film=plane.flat or plane.bend is not None)
 
     def _maybe_bent(self) -> bool:
-        """Whether the tops' curvature may be that of a tape round a narrow cylinder, by a fit without much care."""
+        """Whether the tops' curvature may be that of a tape round a narrow cylinder, by a quick fit."""
         (u, v), unit_mm = self.view.px_per_mm, self.view.unit_mm
         assert self.view.gel.crown_mm is not None
         crown_u, crown_v = self.view.gel.crown_mm
@@ -209,7 +209,7 @@ class ContactSurface:
 
     @cached_property
     def _by_layer(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-        """The force and the zero, whatever they are."""
+        """The force and the zero, without checks of plausibility."""
         depth, gel = self.coarse * self.view.unit_mm, self.view.gel
         if depth.size == 0 or not np.isfinite(depth).all():
             return None, None
@@ -252,7 +252,7 @@ class ContactSurface:
         return None if plane is None or zero is None else self._below(plane, zero)
 
     def _below(self, plane: Plane, zero: tuple[float, float]) -> tuple[float, float]:
-        """The indentation by a zero and its standard deviation; mm."""
+        """The indentation over a frame's zero, and its standard deviation; mm."""
         gel_mm, _, weights = self._tops
         # the surface's terms at the weighted middle of the tops: a height there is a product with the fitted coefficients
         row = terms(((weights @ gel_mm) / weights.sum())[None])[0]

@@ -1,4 +1,4 @@
-"""The pose of a tilted contact: what the tilt does to the places of dots, and how sure that leaves the pose."""
+"""The pose of a tilted contact: dots corrected for the tilt, and the covariance with what the correction leaves uncertain."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactape_fab.texture.frames import FloatArray
 WHOLLY = 0.03
 """Slope, 1.7 degrees, from which a contact counts as tilted in full."""
 BENT, WHOLLY_BENT = 0.02, 0.06
-"""Curvatures, 1/mm, between which a contact that is bent comes to count as one whose pressure falls all across it, in full."""
+"""Curvatures, 1/mm, between which a bent contact goes from not counting to counting in full as one with a pressure gradient."""
 USUAL_PART_MM, UNSTRETCHED_MM = 0.23, 0.06
 """Height of a part that is not known, about which it may be wrong by as much; and how far below a film's top its layer is that is
 not stretched round a cylinder, half of a film."""
@@ -29,30 +29,30 @@ dots of a tilted contact are drawn to its middle, millimetres off the image's ce
 Under light forces, and in gels that follow a part less, it is up to twice as much: `DRAWN_SIGMA` of it is a factor that the dots
 tell, `DRAWN_ERROR` what they do not."""
 MOST_DRAWN = 0.13
-"""How far at most, over the length and the width: tops of 0201 come near to these 0.08 mm from a relative slope of 0.5/mm on."""
+"""Largest such shift, over length and width: tops of 0201 come near to 0.08 mm from a relative slope of 0.5/mm on."""
 USUAL_BODY_MM = (0.45, 0.45)
-"""Length and width where no part is known, nor which way it lies."""
+"""Length and width, mm, assumed for an unknown part, whose direction is unknown too."""
 TWIST = 0.02
-"""Third derivatives of the pressure over it, 1/mm^3, believed before the frame is seen. A tilted contact ends at the image's
-border on one side: there a surface of second order errs as a lens would, and moves the pose by 15 um at 5 degrees."""
+"""Prior standard deviation of the pressure's third derivatives over the pressure, 1/mm^3. A tilted contact ends at the image's
+border on one side: there a surface of second order errs as a lens would, and shifts the pose by 15 um at 5 degrees."""
 FLOOR = 0.2
-"""Least pressure that is believed, over that of whole dots."""
+"""Lower limit of the fitted pressure, over that of full dots."""
 LOW, RELIABLE, STEEPNESS = 0.15, 0.6, 0.45
 """A low dot of a tilted contact is mostly not at the rim: put back, it errs by 16 um at a weight of 0.65, 18 at 0.5, 22 at 0.4.
 So (`RELIABLE` - weight) / `STEEPNESS` of what it misses is left, but at least the first share and at most all."""
 BORDER_MM, AT_BORDER = 0.65, 0.3
-"""So near the image's border the filter mirrors a part, and its top is 5 to 25 um too far inside; most weight that it has."""
+"""So near the image's border the filter mirrors a part, and its top is 5 to 25 um too far inside; largest weight of such dots."""
 LEAN_MM = 0.03
 """How far beside the top of a part, over the slope, its dot may be."""
 USUAL_MM, USUAL_DOTS = 0.011, 3.0
-"""Error of a dot under a tilt believed before the frame is seen, and how many dots this belief counts as: the scatter of 17 dots,
-on which nine unknowns were fitted, is often too small by chance. A larger one is believed as it is."""
+"""Prior standard deviation of a dot under a tilt, and the number of dots that it counts as: the scatter of 17 dots, to which nine
+unknowns were fitted, is often too small by chance. A larger scatter is used as it is."""
 CANCELS, CANCELS_MM = 0.36, 0.0085
-"""Share of the dots' variance that does not move a pose, where they err by so much or less: under pressure neighbours push each
-other by 20 um, equal and opposite. What more they err by, as misplaced parts do, counts in full."""
+"""Share of the dots' variance that does not move a pose, up to this standard deviation: under pressure neighbours push each other
+by 20 um, equal and opposite. Further variance, as by misplaced parts, counts in full."""
 AS_DRAWN = 0.3
-"""How much likelier it is that the tops of no film are drawn than that they are not tilted, before the frame is seen. Contacts of
-the imprint model beside the crown of a gel have a slope, but no pressure that falls: how well dots fit tells that, too."""
+"""Prior odds, for tops that are not those of a film, that they are drawn rather than not tilted. Contacts of the imprint model
+beside the crown of a gel have a slope but no pressure gradient, which the dots' residuals show as well."""
 
 
 def tilted_pose(
@@ -131,7 +131,7 @@ def tilted_pose(
 
 
 def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
-    """Probability that no top is drawn, from the errors of dots under either law; a dot counts once, as neighbours err alike."""
+    """Probability that no top is drawn, from the dots' residuals with and without the draw, for which neighbours err alike."""
     if not (0.0 < drawn_mm < inf and 0.0 < undrawn_mm < inf):
         return 0.0
     # a normal law with its own best sigma has the likelihood sigma^-2 for each dot, over the two axes; half of that counts
@@ -140,7 +140,7 @@ def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
 
 
 def _flat(seen_px: FloatArray, slope: FloatArray, bend: Bend | None, view: View, more_mm: float = 0.0) -> FloatArray:
-    """Places as on the film laid flat, from the image centre."""
+    """Positions on the flattened film, from the image centre, square pixels; (n, 2)."""
     if bend is None:
         return _upright(seen_px, slope)
     part_mm = USUAL_PART_MM if view.part is None else view.part.body_mm[2]
@@ -148,14 +148,14 @@ def _flat(seen_px: FloatArray, slope: FloatArray, bend: Bend | None, view: View,
 
 
 def _upright(seen_px: FloatArray, slope: FloatArray) -> FloatArray:
-    """Places as on a tape that is not tilted: the cosine of the tilt along its slope is taken out."""
+    """Positions as on an untilted tape: the foreshortening by the cosine of the tilt along the slope is removed."""
     square = float(slope @ slope)
     # seen from above a tape of slope g is shorter along g by cos = 1 / sqrt(1 + g^2); g g^T / g^2 projects on that direction
     return seen_px + ((sqrt(1.0 + square) - 1.0) / square) * (seen_px @ slope)[:, None] * slope
 
 
 def _drawn_mm(slopes: FloatArray, pose: Pose, view: View) -> FloatArray:
-    """How far tops are drawn by relative slopes of the pressure, 1/mm, in image axes; both (n, 2)."""
+    """Shift of the tops, mm, by relative slopes of the pressure, 1/mm, in image axes; both (n, 2)."""
     size_mm = np.array(USUAL_BODY_MM if view.part is None else view.part.body_mm[:2])
     psi = 0.0 if view.part is None else pose.theta_rad - view.part.rotation_deg * pi / 180.0
     to_part = np.array([[cos(psi), -sin(psi)], [sin(psi), cos(psi)]])  # for rows

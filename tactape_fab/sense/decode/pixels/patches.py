@@ -39,12 +39,12 @@ BLURS_MM = tuple(USUAL_BLUR_MM * BLUR_STEP**k for k in range(-MOST_BLUR_STEPS, M
 """Standard deviations of the gel's blur that are told apart, mm, and the one that is tried first: at a blur that is wrong by 30 %
 the error is 4 to 10 % larger."""
 BLUR_NEAR, BLUR_PATCHES, BLUR_STEPS = 0.25, 8, 6
-"""ln of how far the blur may be off to be left alone, as it is fitted to each dot all the same; dots, and most steps, that
-another one is looked for with."""
+"""The blur is kept if it is off by less than this (ln), as it is also fitted to each dot; dots that another blur is estimated
+from, and largest number of steps for it."""
 AGAIN_MM = 0.025
 """A dot that moves farther is fitted once more from its new place: the fit is linear for small moves alone."""
 AGAIN_HEIGHT = 0.9
-"""Lower dots weigh so little that it would be in vain, those at the rim above all; over the median."""
+"""Dots lower than this over the median, mostly those at the rim, are not fitted again: they weigh too little to matter."""
 FARTHEST_MM = 0.09
 """No dot moves farther at a time: a fifth of a part's width would take the fit to the next slope."""
 
@@ -77,8 +77,10 @@ class PixelFit:
 
     @property
     def freedom(self) -> float:
-        """Expected squares of the differences of a patch that are left, over the variance of a slope: two of a pixel have it
-        together, height, place and background take eight. The blur, which all dots share, is left out.
+        """Expected sum of a patch's squared residual differences, over the variance of a slope.
+
+        Both differences of a pixel have that variance together; height, position and background take eight degrees of freedom.
+        The blur, which all dots share, takes none.
         """
         # side (side - 1) differences along u and as many along v. White slopes of variance s^2 have s^2 for each component and
         # pixel; the depth is integrated from their part without curl, which is half of it on the mean: s^2 for both components
@@ -118,7 +120,7 @@ class Patches:
     misfit: FloatArray
 
     def taken(self, which: BoolArray) -> Patches:
-        """Some of them."""
+        """The selected dots."""
         return Patches(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
 
@@ -154,7 +156,7 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
 
 
 def unknown_relief(part: TapePart | None) -> str | None:
-    """Why nothing is known of the relief that a part leaves; None if it is fitted."""
+    """Why the relief of a part cannot be modelled; None if it can."""
     if part is None or part.shape != BOX:
         return "the parts are no boxes of known size"
     if max(part.body_mm[:2]) > 2.0 * HALF_MM:
@@ -198,7 +200,7 @@ def has_patch(fit: PixelFit, at_px: FloatArray) -> BoolArray:
 
 
 def median(values: FloatArray) -> float:
-    """The upper one of two in the middle; numpy's median takes five times as long for a few values."""
+    """Upper median; numpy's takes five times as long for a few values."""
     return float(np.sort(values)[len(values) // 2])
 
 

@@ -1,4 +1,4 @@
-"""Better dots -> pose: what the contact's rim does to them, how much each weighs, and whether the pixels are to be believed."""
+"""Refined dots -> pose: correction of the contact's rim, weights of the dots, and checks of the refined pose."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 
 LEAST_PATCHES = 8
-"""Fewer dots tell neither what a whole dot is nor how far they scatter."""
+"""Fewest dots from which the height of a full dot and the scatter are estimated."""
 LEAST_AGREEING = 6
 """Refined dots that agree with a pose; the scatter of fewer is chance."""
 RIM_MM = 2.5
@@ -50,7 +50,7 @@ MOVE_FLOOR = np.diag([0.003, 0.003, 0.0005]) ** 2
 """Errors of the dots' pose that their scatter does not show, mm, mm and rad: of 100 frames one was off by 5 um, 5 sigma."""
 LEAST_SIGMA_MM = 0.0005
 USUAL_MM = 0.005
-"""Scatter of places apart from the pixels' noise, where it is not known yet."""
+"""Initial standard deviation of dots, mm, besides the pixels' noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,7 +155,7 @@ def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
 
 
 def _doubt(pose: Pose, refined: Pose) -> str | None:
-    """Why a refined pose is not believed; None if it is."""
+    """Why a refined pose is rejected; None if it is accepted."""
     if not refined.finite or np.count_nonzero(refined.agree) < LEAST_AGREEING:
         return "the refined dots give no pose"
     if refined.sigma_mm > MOST_SCATTER * (1.0 + FEW_SCATTER / np.count_nonzero(refined.agree)) * pose.sigma_mm:
@@ -178,7 +178,7 @@ def _squared_distance(move: tuple[float, float, float], covariance: list[list[fl
 
 
 def mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
-    """The gel's mm, right and down, of pixels right and down amid some places; shape (2, 2)."""
+    """Jacobian at the mean of some pixels: mm on the gel, right and down, per pixel right and down; shape (2, 2)."""
     if fit.camera.k1 == 0.0:
         return fit.camera.inverse * fit.factor
     # the Jacobian by central differences over one pixel; without a lens it is the matrix itself

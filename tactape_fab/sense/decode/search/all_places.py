@@ -68,10 +68,10 @@ def _weigh(
     barred: IntArray | None,
     holed: IntArray | None,
 ) -> None:
-    """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more.
+    """The kernel that Python calls, with arrays as arguments: passing an array takes 0.1 us, a tuple of them 0.7 us and more.
 
-    Where `many` and `barred` are None numba leaves out the former, and sites of all sectors: half of what a search compiles.
-    Where `holed` is None it leaves out tapes with holes.
+    If `many` and `barred` are None, numba leaves out the code for many sites and for sites of all sectors, half of what a search
+    compiles. If `holed` is None, it leaves out the code for tapes with holes.
     """
     groups, weights, searches = Groups(fields, spans, limits), Weights(place, turn_terms), 1
     if many is not None and sites.kinds[2] == 1:
@@ -100,7 +100,7 @@ def _weigh_groups(
     holed: IntArray | None,
     alone: bool,
 ) -> None:
-    """Add all groups to a tally; where the best place is looked for `alone`, what others weigh together keeps none.
+    """Add all groups to a tally; if `alone`, groups that cannot hold the best place are dropped, whatever they weigh together.
 
     First the classes of many sites, then those of few, each time places with all dots on a tape before others, and turns that the
     dots' shape speaks for before others: what comes once the best place is known is mostly left out.

@@ -15,25 +15,25 @@ from tactape_fab.sense.decode.search.plane_sites import Starts, Steps
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NEVER = -1e30
-"""Stands for a bound or evidence of what was counted already, or does not exist."""
+"""Bound or evidence of a place that does not exist or was already counted."""
 DEEP = 7.0
-"""Bounds are followed so far (ln) below what matters."""
+"""A bound is no longer refined once it is so far (ln) below the least that matters."""
 WAYS = 3
-"""Ways in which `runs_of` takes lines together."""
+"""Number of partitions of the lines into runs that `runs_of` knows."""
 _FEW = 64
-"""Sites that are sorted as they are found; of more all are gone through."""
+"""Up to so many surviving sites are sorted by insertion; for more, all sites are scanned in order."""
 
 
 class Bounds(NamedTuple):
     """Bounds of neighbouring lines for each range of the dots along them, made when first asked for.
 
     slot (4, 2, m + 1, m + 1): Slot of a turn, axis and range; -1 before it is made.
-    used (1,): How many there are.
-    differences (2,): The least and the greatest by which phases of neighbouring lines differ: there are no bounds for others.
-    made (2, k, m): Whether there are the pairs, and the triples, that begin with a line.
-    pairs (k, m, L): Most that a line and the next can say together, by how much their phases differ.
-    triples (k, m, L L): Most that a line and the next two can say together, by both differences.
-    pair_most, triple_most, line_most (k, m): Most of them, and of each line.
+    used (1,): Number of slots in use.
+    differences (2,): Least and greatest phase difference of neighbouring lines; only these have bounds.
+    made (2, k, m): Whether the pairs, and the triples, that begin with a line are computed.
+    pairs (k, m, L): Largest evidence of a line and the next together, by their phase difference.
+    triples (k, m, L L): Largest evidence of a line and the next two together, by both differences.
+    pair_most, triple_most, line_most (k, m): Largest of these over all differences, and of each line alone.
     buffer (6 L + 2 L L,): Work buffer.
     """
 
@@ -115,7 +115,7 @@ def slot_of(
 
 @inlined_kernel()
 def _said(out: Floats, lines: Floats, dots: tuple[int | np.int64, int], line: int) -> None:
-    """Fill in the evidence of a range of the dots along a line, for as many phases as there is space."""
+    """Fill in the evidence of a range of the dots along a line, for the first len(out) phases."""
     low, high = dots
     for p in range(len(out)):
         out[p] = lines[high, line, p] - lines[low, line, p]
@@ -214,7 +214,7 @@ def runs_of(lines: int, way: int) -> tuple[int, int, int]:
 
 @inner_kernel(fastmath=True)
 def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tuple[int, int], way: int) -> None:
-    """Bound of some lines (first, last + 1) together for every place of the first in the plane; NEVER too near its end."""
+    """Fill in the bound of some lines (first, last + 1) together for every place of the first in the plane; NEVER at its end."""
     first, number = lines[0], lines[1] - lines[0]
     before, threes, after = runs_of(number, way)
     # a line by itself is bounded by its largest entry, which is the same at every start
@@ -233,7 +233,7 @@ def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tu
 
 @inner_kernel(fastmath=True)
 def _add_runs(out: Floats, said: Floats, steps: IntArray, runs: tuple[int, int, int], count: int) -> None:
-    """Add what some runs say at every start; ``runs`` are the first line, the lines of each, and how many there are."""
+    """Add the bounds of some runs at every start; ``runs`` are the first line, the lines of each run, and the number of runs."""
     first, each, number = runs
     for j in range(0, number - 1, 2):  # two at a time, so that the sums pass through memory half as often
         k = first + each * j
@@ -312,7 +312,10 @@ def bound_lines(
 
 @inlined_kernel()
 def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: float) -> tuple[int, float, float]:
-    """Sites whose bound is not below `least`: how many; the others' weight in sites at `least`; and the largest bound of them."""
+    """Fill in the sites whose bound is at least `least`.
+
+    Returns their number, the weight of the other sites as a number of sites at `least`, and the largest bound of these.
+    """
     count, deep, shallow, most = 0, 0, 0.0, NEVER
     for site in range(first, last):
         bound = bounds[site]

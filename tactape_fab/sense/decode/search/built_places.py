@@ -1,10 +1,10 @@
-"""Evidence of places on tapes whose parts were measured: each dot is compared with where its own part really stands.
+"""Evidence of places on tapes whose parts were measured: each dot is compared with its part's measured position.
 
-A place h of such a tape says of every dot which part it is, and so how far that part is off, d(h). The grid is fitted to the dots
-less d(h), and the posteriors of the symbols come from that fit: `fit.fit_grid` and `rule.posteriors` with parts that are off by
-known amounts. Neither looks at the symbols that h names, and what was measured does not depend on the code. So for a texture
-independent of the code the named bits are fair coins still, E(h) = product of 2 q(b) has the mean 1, and the bound of `rule`
-holds. That the parts are where the design has them remains possible, and has a share of the place's weight.
+A place h of such a tape assigns a part to every dot, and so the offset d(h) of that part from the design. The grid is fitted to
+the dots minus d(h), and the posteriors of the symbols come from that fit: `fit.fit_grid` and `rule.posteriors` with known
+offsets. Neither uses the symbols that h names, and measured offsets do not depend on the code. So for a texture independent of
+the code the named bits are still fair coins, E(h) = product of 2 q(b) has the mean 1, and the bound of `rule` holds. The
+hypothesis that the parts are where the design has them keeps a share of the place's weight.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from tactape_fab.texture.tape import Tape
 LN_SHARE, LN_REST = log(0.9), log(0.1)
 """ln of the weights of the measured places of a tape, and of those of the design: a file may be of another copy of the tape."""
 CANDIDATES = 64
-"""Places that are looked at where the best one is not clear: those of most evidence by the design. Of 100 contacts of 6.5 mm
-with parts placed to 0.1 mm 96 are located with as many, and with 2,000."""
+"""Number of places, those of most evidence by the design, that are weighed anew unless the best one is clear. Of 100 contacts of
+6.5 mm with parts placed to 0.1 mm, 96 are located with so many, and with 2,000."""
 CLEAR = 10.0
-"""ln by which the evidence of a place may be below all that the dots can say, for no other to be looked at: one wrong dot in
+"""No other place is weighed anew if the best one's evidence is at most so much (ln) below the largest possible: one wrong dot in
 another place costs ln 500 and more."""
 CREDIT, MOST_CREDIT = 0.5, log(1000.0)
 """Share of the ln by which dots are likelier where parts were measured, whatever their symbols, that counts against other places,
@@ -59,13 +59,13 @@ _TO_GRID = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Built:
-    """Measured places of the parts of a tape, by grid point.
+    """Measured positions of the parts of a tape, by grid point.
 
     shift_mm (rows, columns, 2): From the design's place, texture frame.
     sigma_mm (rows, columns): Standard deviation along each axis, of each part alone.
     present (rows, columns)
     shown (rows, columns): From `single_place.shown_by`, without the parts that are missing.
-    drift_mm: Standard deviation along each axis of what neighbours are wrong by together.
+    drift_mm: Standard deviation along each axis of the error that neighbouring parts share.
     """
 
     shift_mm: FloatArray
@@ -103,7 +103,7 @@ class _Places:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Evidence:
-    """Ln of the evidence of places (k,), what else speaks for them against others (k,), and symbols (k, n, directions)."""
+    """Of places: ln of the evidence (k,), other terms of the log likelihood (k,), posteriors of symbols (k, n, directions)."""
 
     score: FloatArray
     credit: FloatArray
@@ -242,7 +242,7 @@ def _candidates(
 
 
 def _said(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:
-    """Share of each dot that is a part and the likeliest one of its grid point, and ln of its density by the design; (n,)."""
+    """Of each dot the probability that it is a part, 0 unless the likeliest on its grid point, and ln of its density; (n,)."""
     likely = dots.trust * dots.weights
     same = (fit.nodes[:, None] == fit.nodes).all(axis=2)
     order = np.arange(len(likely))
@@ -256,7 +256,7 @@ def _said(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:
 
 
 def _most(q: FloatArray) -> float:
-    """Ln of the most evidence that symbols can give."""
+    """Ln of the largest evidence that these posteriors can give."""
     return float(np.log(q.max(axis=1) * q.shape[1]).sum())
 
 
@@ -305,7 +305,7 @@ def _fitted(
     around: FloatArray,
     free_scale: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """`fit._fitted` for parts off by known amounts: variances (k, n) and squared distances (k, n, directions), in pitches."""
+    """`fit._fitted` for parts with known offsets: variances (k, n) and squared distances (k, n, directions), pitches squared."""
     k = len(part)
     point = fit.nodes + off
     grid = np.tile(fit.grid, (k, 1))
@@ -367,7 +367,7 @@ def _moved(xy: FloatArray, ideal: FloatArray, weight: FloatArray, grid: FloatArr
 def _looked_up(
     places: _Places, tapes: Sequence[Tape], built: Sequence[Built | None]
 ) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-    """Of each dot at some places: 1 if a part is there, its symbol, how far it is off (texture frame, mm), and its sigma."""
+    """Of each dot at some places: 1 if a part is there, its symbol, its offset from the design (texture frame, mm), its sigma."""
     k, n = places.cells.shape[:2]
     inside, symbol = np.zeros((k, n)), np.zeros((k, n), dtype=np.int64)
     off, own = np.zeros((k, n, 2)), np.zeros((k, n))

@@ -1,4 +1,4 @@
-"""Soft symbols -> evidence per line and phase: what the dots say of every column and row, wherever on a code plane they lie.
+"""Soft symbols -> evidence per line and phase, for every column and row of the dots, wherever in a code plane they lie.
 
 Evidence is ln E with E = product of 2 q(b) over the x and y bits of the dots: against any texture whose bits are fair coins
 to the code. Along a column of the code plane the x bits are the main sequence from some phase, along a row the y bits are;
@@ -41,7 +41,7 @@ class Tables(NamedTuple):
     lines (4, 2, m + 1, m, 2 L): [turn, 0, rows below, column, phase] evidence of the x bits of a column; [turn, 1, columns below,
         row, phase] of the y bits of a row. Phases twice over.
     dots (4, m + 1, m + 1): Dots in columns below c and rows below r.
-    most (4, 2, m + 1, m + 1): Most that the x bits and the y bits of those dots can say; a third bit counts with the y bit.
+    most (4, 2, m + 1, m + 1): Largest evidence of the x bits and of the y bits of those dots; a third bit counts with the y bit.
     """
 
     cells: IntArray
@@ -60,7 +60,7 @@ def signs_of(code: PlaneCode) -> Floats:
 
 @cache
 def columns_by_symbol(directions: int) -> IntArray:
-    """Column of the grid's symbols that is a symbol value's of the texture, for each quarter turn; shape (4, directions)."""
+    """Column of `q` (grid's axes) that holds each symbol value of the texture, for each quarter turn; shape (4, directions)."""
     columns, around = np.empty((4, directions), dtype=np.int64), np.arange(directions)
     for turn in range(4):
         # the texture's E is the grid's direction number `turn` in quarters (`turned`), the others follow clockwise in
@@ -154,7 +154,7 @@ def _fill_cells(
     corner: IntArray,
     size: IntArray,
 ) -> int:
-    """Fill those fields of `Tables`; the largest size of all. Of four directions there are no `codes`."""
+    """Fill those fields of `Tables` and return the largest size. With four directions `codes` is None."""
     most = 0
     for turn in range(4):
         turned(nodes, q, turn, cells[turn], evidence[turn])
@@ -231,7 +231,7 @@ def say(out: Floats, lines: Floats, dots: tuple[int, int], count: int) -> None:
 
 @inlined_kernel()
 def _shifted(phase: int, by: int, cycle: int) -> int:
-    """A phase that is later by less than a cycle."""
+    """(phase + by) modulo the cycle, for `by` below a cycle."""
     later = phase + by
     return later if later < cycle else later - cycle
 
@@ -320,7 +320,7 @@ def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray
 
 @inner_kernel(fastmath=True)
 def largest_of_line(out: Floats) -> float:
-    """Largest of what a line says for each phase."""
+    """Largest evidence of a line over all phases."""
     length = len(out)
     a = b = c = d = e = f = g = h = out[0]  # eight at a time: one after the other each would wait for the one before
     for p in range(0, length - 7, 8):

@@ -1,4 +1,4 @@
-"""Registered tapes by code, and those of the family that nobody registered."""
+"""Registered tapes by code, and the unregistered tapes of the same codes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Family:
 
     tapes: Registered tape of each site of `registered`.
     registered: Matrices for a code that is not made of sequences.
-    unregistered: All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed
-        world, and of a code without sequences, whose tapes are to each other as any texture is.
-    beyond: The same, where dots may hang over the edges of those at default origins as well.
+    unregistered: All sectors at their default origins and at those of registered tapes, without the registered tapes; None in a
+        closed world, and for a code without sequences, whose tapes are independent of each other.
+    beyond: The same, where dots may also hang over the edges of tapes at default origins.
     """
 
     code: str

@@ -1,4 +1,4 @@
-"""Groups of places of a tape: by which of the dots' columns and rows lie on it."""
+"""Groups of places of a tape that have the same of the dots' columns and rows on it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Groups(NamedTuple):
 
     fields (n, 9): `X` ... `OVER` of each. The one with all dots on the tape, if there is one, comes first for each turn and size.
     spans (4, k, 2): First and last + 1 of each turn and size.
-    limits (n, 3): Most that the x and the y bits of the dots on the tape can say, and ln of the number of places.
+    limits (n, 3): Largest evidence of the x and of the y bits of the dots on the tape, and ln of the number of places.
     """
 
     fields: IntArray
@@ -92,7 +92,7 @@ def _fill_groups(
 
 @inner_kernel()
 def _cuts(out: IntArray, size: int, dots: int) -> int:
-    """Ways to lay so many lines of dots on so many lines of a tape: first place, how many places, first line, last + 1."""
+    """Fill in how `dots` lines can lie on a tape of `size` lines: first place, number of places, first line on it, last + 1."""
     n = 0
     # all lines on the tape: many places in one group. Over an edge each place cuts off other lines, and is a group of its own
     if size >= dots:

@@ -1,4 +1,4 @@
-"""Places where dots may lie on grid points without a part, which count for nothing there: on tapes with holes."""
+"""Tapes with holes: places where dots may lie on grid points without a part, which have no evidence there."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _line_within(most: FloatArray, axis: int, line: int, dots: tuple[int, int]) 
 def _add_whole(
     out: Floats, tables: Tables, of: tuple[IntArray, IntArray], turn: int, column: int, where: tuple[IntArray, int]
 ) -> tuple[float, float]:
-    """Fill in what the dots' columns over no hole say for every phase; the most that the others can say, and the largest entry.
+    """Fill in the evidence of the dots' columns over no hole for every phase; return the others' largest, and the largest entry.
 
     ``column`` is where the dots' first column lies on the tape, before its edge as well; ``where`` the plane's phases, and its
     place among them.

@@ -1,4 +1,4 @@
-"""Registered tapes, equal ones once, and the world that they are in."""
+"""Registry of tapes without duplicates, and the weight of unregistered ones (open or closed world)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from tactape_fab.texture.tape import Tape
 class Registry:
     """Tapes that may be touched.
 
-    tapes: Registered ones, no two alike.
-    families: The same by code, and beside them those that nobody registered.
+    tapes: Registered ones without duplicates.
+    families: The same by code, with the unregistered tapes of each.
     unregistered_share: Prior weight of all unregistered tapes together; 0 in a closed world.
     built: What was measured of each tape; empty where nothing was of any.
     boards_differ: Tapes whose equal ones lie elsewhere on their boards, so that no touch tells the place on the board.
@@ -34,7 +34,7 @@ class Registry:
 
 
 def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
-    """A registry of tapes, the world closed where unregistered ones have no share.
+    """A registry of tapes; a closed world if `unregistered_share` is 0.
 
     Raises SpecError for two tapes that an answer cannot name apart.
     """
@@ -87,7 +87,7 @@ def _refuse_one_place(tapes: Sequence[Tape]) -> None:
 
 
 def _measured_alike(first: AsBuilt | None, other: AsBuilt | None) -> bool:
-    """Whether two tapes of one texture rest on the same places: those of one kit that was read twice do."""
+    """Whether two tapes of one texture have the same measured places, as those of a kit that was read twice."""
     if first is None or other is None:
         return first is other
     return first is other or first.to_mapping() == other.to_mapping()

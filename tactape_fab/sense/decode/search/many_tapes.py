@@ -37,9 +37,9 @@ from tactape_fab.sense.decode.search.tally import (
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _FOUND = 0.5
-"""A weight above this share of all evidence there is comes from a place that fits."""
+"""A place fits if its weight (ln) exceeds this share of the largest possible evidence (ln)."""
 _PROMISING = 0.7
-"""Groups that may show this share of all evidence are looked at for a first guess."""
+"""Groups whose bound reaches this share of the largest possible evidence (ln) are searched for a first guess."""
 _PLACES_A_SITE = 100
 """Places in the plane that are bounded in the time in which one site is looked at."""
 _PLACES_AT_ONCE = 4
@@ -51,7 +51,7 @@ _PLACES_BOUNDED = 0.5
 _PLACES_SAID = 2
 """Places in the plane that are looked at with all their phases in the time of one of a site by itself."""
 _ANYTHING = 1e6
-"""A bound that drops nothing, and yet leaves a sum its digits."""
+"""An offset that makes any bound pass, small enough that a sum with it keeps its digits."""
 
 
 def many_buffers(tables: Tables, sites: Sites) -> ManyBuffers | None:

@@ -36,7 +36,7 @@ from tactape_fab.texture.tape import Tape
 
 MOST_RADIUS_MM = 50.0
 _PLENTY = 0.05
-"""Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
+"""From this weight of the other places on, as a multiple of the answer's, p_place is too large in any case: the search ends."""
 _SAYS_NOTHING = 0.0
 """ln of the weighted evidence below which p_tape is 1: how many other places fit as badly is not counted."""
 _RIVALS_SHARE = 0.02
@@ -383,7 +383,7 @@ def _strict(groups: Sequence[Groups], precision: float) -> float:
 
 
 def _next_best(tallies: Sequence[Tally], sums: Sequence[list[float]], answer: tuple[int, ...]) -> float:
-    """Ln L of the strongest registered place that is not the answer; `sums` are those of the tallies."""
+    """Ln L of the strongest registered place other than the answer; `sums` are those of the tallies."""
     values = []
     for k, (tally, s) in enumerate(zip(tallies, sums, strict=True)):
         is_answer = k == answer[0] and tuple(tally.strongest_place[:4].tolist()) == answer[1:]
@@ -441,7 +441,7 @@ def _near(
 
 
 def _raised(near: _Near, turn_weights: FloatArray, base: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ln of the weighted evidence of places near a prior, as it is without the prior and with it."""
+    """Ln of the weighted evidence of places near a prior, without the prior and with it."""
     turn = near.places[:, 1]
     # the prior weight of a place is a sum: its part of all places, and its part of `PRIOR_SHARE` by its turn
     without, share = base[turn, near.over], PRIOR_SHARE * turn_weights[turn] / turn_weights[turn].sum()

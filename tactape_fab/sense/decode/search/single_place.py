@@ -13,14 +13,14 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, SymbolAr
 from tactape_fab.texture.tape import Tape
 
 NO_PART = 8
-"""Stands for a symbol where a grid point carries no part."""
+"""Symbol of a grid point without a part."""
 
 
 @lru_cache(maxsize=256)
 def shown_by(tape: Tape) -> SymbolArray:
-    """The symbols that a tape's parts show, as `Directions.gray_codes`, `NO_PART` where there is none; shape (rows, columns).
+    """Symbols of a tape's parts, as `Directions.gray_codes`, `NO_PART` where there is none; shape (rows, columns).
 
-    Of the tapes asked for last they are kept: of all registered ones they would take 2 kB a tape.
+    Those of the latest tapes are cached; for all registered tapes they would take 2 kB each.
     """
     return np.where(tape.placed, tape.points_in.gray_codes[tape.symbols], NO_PART).astype(np.uint8)
 
@@ -89,12 +89,12 @@ def parts_under(
     offset_px: FloatArray,
     together: FloatArray,
 ) -> tuple[int, int]:
-    """Fill in which dots are at a part of a tape, and of these cells, nominal places, offsets from the centre, and weights, less
-    of those that are not trusted; how many there are, and how many of them are trusted.
+    """Fill in which dots are at a part of a tape, and their cells, nominal positions, offsets from the centre, and weights.
 
-    Trust is no height: noise that is loud beside few bumps of it makes whole dots no less well placed.
+    A dot that is not trusted weighs less. Trust does not count as a height: noise does not displace a high dot more because its
+    trust is low. Returns the number of dots at a part, and of the trusted ones among them.
 
-    ``around_mm`` are the displacements by symbol, as `shown_by` has them.
+    ``around_mm`` are the displacements by symbol, in the order of `shown_by`.
     """
     k, good = 0, 0
     for i in range(len(cells)):

@@ -1,4 +1,4 @@
-"""Places counted: a group of them on one tape, place by place, into a tally of the best and of all the others."""
+"""Running sums of a search: places of a group on one tape are added to a tally of the best place and of all others."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NEGLIGIBLE = -14.5
-"""ln of the share of the answer's weight below which a group of places is counted at its bound, if not said otherwise."""
+"""Default ln of the share of the answer's weight below which a group of places is counted at its bound."""
 ROUNDING = 0.1
-"""More than bounds in single precision may be too small by (ln)."""
+"""Margin (ln) for rounding of bounds in single precision."""
 FAR_BELOW = 32.0
-"""Single places that far (ln) below the answer are left out."""
+"""Single places so far (ln) below the answer are neglected."""
 
 
 BEST, TOTAL, STRONGEST, NEXT_STRONGEST, LEFT_OUT, LEAST_SHARE, LIKELY, BOUNDED, FITS = range(9)
@@ -45,9 +45,9 @@ class Tally(NamedTuple):
 
 
 def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: float = np.inf, fits: float = -np.inf) -> Tally:
-    """A tally with nothing in it; weights are held against `floor` from the start, and places as `likely` are looked at.
+    """An empty tally with `floor` as its best weight (ln); places whose ln L may reach `likely` are always evaluated.
 
-    fits: ln of the best weight below which that of all need not be known.
+    fits: If ln of the best weight is below this, the total weight need not be known.
     """
     sums = _NO_SUMS.copy()
     sums[BEST], sums[LEAST_SHARE], sums[LIKELY], sums[FITS] = floor, negligible, likely, fits
@@ -56,9 +56,9 @@ def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: fl
 
 @inner_kernel()
 def says_nothing(tally: Tally) -> bool:
-    """Whether a search that ends, for the best place alone, is the last one, as that place says nothing.
+    """Whether no second search is needed after one for the best place alone, because that place does not fit.
 
-    Else all is forgotten but the best weight, which stays as a floor: its place is found again.
+    Otherwise the tally is reset except for the best weight, which stays as a floor: its place is found again.
     """
     if tally.sums[BEST] < tally.sums[FITS]:
         tally.sums[TOTAL], tally.sums[BOUNDED] = np.inf, 0.0
@@ -153,7 +153,7 @@ def least_of(of: float, terms: tuple[float, float], sums: FloatArray) -> float:
 
 @inner_kernel()
 def drop(bound: float, places: float, of: float, terms: tuple[float, float], sums: FloatArray) -> bool:
-    """Whether some places cannot matter; they are counted then as if each were as good as their bound.
+    """Whether some places cannot matter; if so, they are counted as if each had the evidence of the bound.
 
     bound: ln E that none of them exceeds.
     places, of: How many there are, and ln of how many in their group on all sites: all of these together may be negligible.
@@ -167,7 +167,7 @@ def drop(bound: float, places: float, of: float, terms: tuple[float, float], sum
 
 @inner_kernel()
 def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
-    """Add places that are not looked at, at a bound of their weight and of their ln L."""
+    """Add places that are not evaluated, by bounds of their weight and of their ln L."""
     sums[TOTAL] += weight
     sums[BOUNDED] += weight
     sums[LEFT_OUT] = max(sums[LEFT_OUT], likelihood)
@@ -307,7 +307,7 @@ def _count_sector(
 def count_at(
     tally: Tally, value: float, weight: float, terms: tuple[float, float], at: tuple[int, int, int, int, int, int]
 ) -> None:
-    """Add a place, or several that together weigh so many times the best of them."""
+    """Add a place, or several whose total weight is so many times that of the best of them."""
     score, likelihood = value + terms[0], value + terms[1]
     # weights are multiples of the best, so that none overflows: a new best rescales them
     # with a floor from elsewhere `BEST` has a value and no place: the same place again may come out lower by rounding
