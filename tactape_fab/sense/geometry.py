@@ -68,7 +68,7 @@ class Gel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Camera:
-    """The camera model with its numbers put in.
+    """The camera model, evaluated for one profile.
 
     centre_px (2,): Centre of the distortion.
     matrix, inverse (2, 2): M, px/mm, and its inverse.

@@ -87,7 +87,7 @@ def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
 class View:
     """Map from the texture to the enlarged picture: the inverse of T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0).
 
-    What the profile's camera has of aspect, shear and lens is in it.
+    It includes the aspect, shear and distortion of the profile's camera.
     """
 
     def __init__(self, sensor: SensorProfile, fix: Localization, zoom: int) -> None:
@@ -105,7 +105,7 @@ class View:
         self.corners_mm = self.position_mm + self._offset_mm(corners) @ self.turn.T
 
     def _offset_mm(self, px: FloatArray) -> FloatArray:
-        """From the point that the image centre sees to those that pixels see, along image u and v."""
+        """Vectors on the gel, mm along image u and v, from the point that the image centre sees to those that pixels see."""
         if self.camera is None:
             return np.asarray((px - self.centre_px) / self.px_per_mm)
         return (self.camera.from_px(px) - self.camera.from_px(self.centre_px)) / self.refined
@@ -123,7 +123,7 @@ def placed_mm(tape: Tape) -> FloatArray:
 
 
 def _zoomed(xy_px: FloatArray, zoom: int) -> FloatArray:
-    """Pixel centres of the frame as those of the enlarged picture."""
+    """Pixel coordinates of the frame converted to the enlarged picture; whole numbers are pixel centres in both."""
     return np.asarray((xy_px + 0.5) * zoom - 0.5)
 
 

@@ -27,7 +27,7 @@ _MASK_BYTES = 32 * 1024 * 1024
 _VALID_GREY = 128
 _UNCALIBRATED, _UNKNOWN_GEL = Geometry(), Gel()
 _SMOOTH = {"white_um": (0.0, 1000.0, "um"), "correlated_um": (0.0, 1000.0, "um"), "correlated_px": (1.0, 100.0, "px")}
-"""Least, largest and unit of the numbers of a profile, here and below."""
+"""Least and largest value and unit of the numbers of a profile, in this table and those below."""
 _CAMERA = dict.fromkeys(("aspect", "shear", "k1"), (-0.2, 0.2, ""))
 MOST_SIGMA = 0.2
 """Largest standard deviation of a camera's aspect, shear or distortion."""
@@ -316,7 +316,7 @@ def _checked(made: SensorProfile) -> SensorProfile:
 
 
 def _known_fields(made: Any, where: str, problems: list[Problem] | None = None, **other: Any) -> Fields:
-    """The attributes of a profile or of a part of it, without those that are None because they are not known."""
+    """The attributes of a profile or of a part of it, without unknown ones (None)."""
     given = {f.name: getattr(made, f.name) for f in fields(made) if f.default is not None or getattr(made, f.name) is not None}
     return Fields(given | other, where, problems)
 

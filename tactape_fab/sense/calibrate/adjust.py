@@ -2,7 +2,7 @@
 
 A dot of a press at S, turned by theta, with its part at T on the tape, is at q = R(theta)^T (T - S) on the gel, right and down of
 the point that the image centre sees; neighbours push it and the rim pulls it (`decode.grid.posterior`); the camera sees it at a
-pixel. What is left over, in mm, has the covariance of `errors.covariance`: a dot's own error and the gel's displacement.
+pixel. The residuals, in mm, have the covariance of `errors.covariance`: a dot's own error and the gel's displacement.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 OF_ALL = camera.COUNT + 1
-"""Unknowns that all presses share: the camera's, then the push of neighbours."""
+"""Number of unknowns that all presses share: the camera's, then the push of neighbours."""
 OF_PRESS = 4
-"""Unknowns of each press: x mm, y mm, theta rad, pull of the rim."""
+"""Number of unknowns of each press: x mm, y mm, theta rad, pull of the rim."""
 CAMERA_SIGMAS = np.array([1.0, 0.1, 0.1, 0.1, 0.05, 0.05])
-"""Standard deviations of the camera's parameters before anything is seen, of the scale about the profile's, of the others about a
-camera without distortion: wide, so that presses decide. Those of the lens' centre are shares of the image's width."""
+"""Prior standard deviations of the camera's parameters: of the scale about the profile's, of the others about a camera without
+distortion. They are wide, so that presses decide. Those of the distortion's centre are shares of the image's width."""
 SYSTEMATIC = np.array([1e-4, 1e-4, 5e-5, 5e-4, 0.3, 0.3])
-"""Errors that the scatter of dots does not show, as rims draw dots alike in all presses: of 7 calibrations from 10 simulated
-presses the mean error was 1.4e-4 of the aspect and -6e-4 of k1."""
+"""Standard deviations of systematic errors, as rims draw dots alike in all presses: in 7 calibrations from 10 simulated presses
+the mean error was 1.4e-4 of the aspect and -6e-4 of k1."""
 SYSTEMATIC_FINE = np.array([5e-5, 5e-5, 5e-5, 2e-4, 0.15, 0.15])
-"""The same where centres come from the pixels: of 14 such calibrations no mean error was larger than its own scatter."""
+"""The same for centres fitted to the pixels: in 14 such calibrations no mean error was larger than its own scatter."""
 LEAST_AGREEING = 8
-"""Fewer dots say nothing of a camera beyond the press's own pose."""
+"""Fewest inliers of a press: fewer tell little of a camera beyond the press's own pose."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,8 +48,9 @@ class Bundle:
     covariance (6, 6): Rows of parameters that were not free are zero.
     free (6,)
     poses (m, 4): x mm, y mm, theta rad and pull of each press.
-    poses_alone, poses_anew (m, 4, 4): Covariance by its own dots if the camera were known, and with the camera of the others.
-    residual_mm each (n, 2): On the gel along u and v: where each dot is seen less where it is expected.
+    poses_alone, poses_anew (m, 4, 4): Covariance of each pose by its own dots, if the camera were known; and with the camera's
+        covariance from the other presses.
+    residual_mm each (n, 2): On the gel along u and v: seen minus expected position of each dot.
     errors: Of the dots.
     """
 
@@ -66,13 +67,13 @@ class Bundle:
 
     @property
     def rms_mm(self) -> float:
-        """Of all residuals along one axis."""
+        """Root mean square of all residuals along one axis."""
         return float(np.sqrt(np.mean(np.concatenate(self.residual_mm) ** 2)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
-    """An adjustment to be made: presses, the profile to start from, the errors of dots, the camera's free parameters."""
+    """Input of an adjustment: presses, the initial profile, the errors of dots, the camera's free parameters."""
 
     presses: Sequence[Press]
     sensor: SensorProfile
@@ -83,7 +84,7 @@ class Problem:
 
     @property
     def systematic(self) -> FloatArray:
-        """Standard deviations of errors of the camera that the scatter of dots does not show; those held have none."""
+        """Standard deviations of the camera's systematic errors; 0 for parameters that are not free."""
         fine = all(press.fine for press in self.presses)
         return np.where(self.free, SYSTEMATIC_FINE if fine else SYSTEMATIC, 0.0)
 
@@ -100,7 +101,7 @@ def problem_of(presses: Sequence[Press], sensor: SensorProfile, errors: Errors, 
 
 
 def start(problem: Problem) -> FloatArray:
-    """The unknowns to start from, one vector."""
+    """Initial values of all unknowns, one vector."""
     of_presses = [(*press.position_mm, press.theta_rad, PULL) for press in problem.presses]
     return np.concatenate([camera.parameters(problem.sensor), [PUSH_MM], np.ravel(of_presses)])
 
@@ -228,7 +229,7 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
 
 
 def _inverse(normal: FloatArray, free: BoolArray) -> FloatArray:
-    """Covariance of the unknowns that are free; rows of the others are zero."""
+    """Inverse of the normal matrix over the free unknowns; rows and columns of the others are zero."""
     covariance = np.zeros(normal.shape)
     covariance[np.ix_(free, free)] = np.linalg.inv(normal[np.ix_(free, free)])
     return covariance

@@ -46,11 +46,11 @@ from tactape_fab.texture.tape import Tape
 ROUNDS = 3
 """Times that frames are located and the camera adjusted: a better profile finds more dots."""
 SETTLED_UM = 1.0
-"""Change of where the image's corner is seen below which the next round would bring nothing."""
+"""Rounds end when the image's corner moves by less than this on the gel."""
 LEAST_TOLERANCE = 0.03
-"""Scale that the decoder looks for a grid within: a gel stretches by as much where it is pressed."""
+"""Least `scale_tolerance` of the new profile: a gel stretches by as much where it is pressed."""
 SURE_LENS = 3.0
-"""Standard deviations of k1 from which the lens has a centre that can be told."""
+"""The distortion's centre is a free parameter if |k1| is at least so many standard deviations."""
 FOLDS = 5
 
 
@@ -226,7 +226,7 @@ def adjust(presses: Sequence[Press], sensor: SensorProfile) -> tuple[list[Press]
 
 
 def _free(bundle: Bundle) -> BoolArray:
-    """The camera's parameters that can be told: the lens' centre only where there is a lens."""
+    """The camera's observable parameters: the distortion's centre only if there is distortion."""
     free = np.ones(camera.COUNT, dtype=bool)
     # the centre of no distortion can be anywhere: its covariance would be that of its prior
     free[4:] = abs(bundle.values[3]) > SURE_LENS * np.sqrt(bundle.covariance[3, 3])

@@ -35,10 +35,10 @@ def with_parameters(sensor: SensorProfile, values: FloatArray) -> SensorProfile:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seen:
-    """A camera with its numbers put in, once for all presses.
+    """A camera evaluated once for all presses.
 
     scale: px/mm along u and v.
-    middle_mm (2,): The point that the image centre sees, from the lens' centre.
+    middle_mm (2,): The point that the image centre sees, from the distortion's centre.
     middle_by (2, 6): Its derivative by the parameters.
     """
 
@@ -91,5 +91,5 @@ def seen_by(sensor: SensorProfile, values: FloatArray) -> Seen:
 
 
 def _middle(sensor: SensorProfile, values: FloatArray) -> FloatArray:
-    """The point that the image centre sees, from the lens' centre, mm; shape (2,)."""
+    """The point that the image centre sees, from the distortion's centre, mm; shape (2,)."""
     return with_parameters(sensor, values).camera.from_px(sensor.centre_px)

@@ -17,17 +17,17 @@ from tactape_fab.texture.frames import FloatArray
 
 START_MM = 0.01
 STARTS = ((0.03, 3.0), (0.1, 6.0))
-"""Displacement of a gel and its correlation, mm, from which the most likely ones are looked for."""
+"""Initial values of a gel's displacement and its correlation length, mm, for the maximisation of the likelihood."""
 CORRELATIONS_MM = (1.0, 20.0)
 LEAST_GAIN = 3.0
-"""ln of how much likelier the dots must be with a gel that moves than with one that does not."""
+"""Least gain in log likelihood for which a displacement of the gel is kept."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Of a dot's centre along one axis.
+    """Errors of a dot's centre along one axis.
 
-    dot_mm: Standard deviation of a whole dot.
+    dot_mm: Standard deviation of a full dot.
     gel_mm, correlation_mm: Root mean square of the gel's smooth displacement, and the standard deviation of the Gaussian that
         correlates it.
     """
@@ -40,7 +40,7 @@ class Errors:
 def covariance(press: Press, errors: Errors, apart_mm2: FloatArray | None = None) -> FloatArray:
     """Covariance of the dots of a press along an axis; shape (n, n), mm^2. The model is that of `decode.grid.posterior`.
 
-    apart_mm2: Squared distances of the dots, where they are known already.
+    apart_mm2: Squared distances of the dots, if already computed.
     """
     # the power 7/8 of the missing weight, squared
     own = errors.dot_mm**2 / np.sqrt(press.weights) + RIM_MM**2 * (1.0 - press.weights) ** 1.75
@@ -68,7 +68,7 @@ def whitening(press: Press, errors: Errors) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Design:
-    """A press as an adjustment sees it at its solution: what is left, and derivatives by shared and own unknowns."""
+    """A press at the solution of an adjustment: residuals, and Jacobians by the shared and by its own unknowns."""
 
     press: Press
     residual_mm: FloatArray
@@ -78,7 +78,7 @@ class Design:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """Errors of dots, and the standard deviations of ln of each of them; infinite for a gel that is not seen to move."""
+    """Errors of dots, and the standard deviations of the ln of each; infinite for the gel's if no displacement is seen."""
 
     errors: Errors
     sigma_ln_gel: float
@@ -86,11 +86,11 @@ class Estimate:
 
 
 def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precision: FloatArray) -> Estimate:
-    """Errors of the dots by restricted maximum likelihood (Harville, JASA 72 (1977) 320): poses and camera are left out of it.
+    """Errors of the dots by restricted maximum likelihood (Harville, JASA 72 (1977) 320): poses and camera are marginalised.
 
-    precision (k, k): Of the shared unknowns, before anything is seen.
-    own_precision (4, 4): The same of a press's own.
-    Returns: Without displacement of the gel where it makes the dots less than e^3 times as likely.
+    precision (k, k): Prior precision of the shared unknowns.
+    own_precision (4, 4): Prior precision of a press's own unknowns.
+    Returns: Without displacement of the gel unless it raises the log likelihood by `LEAST_GAIN`.
     """
     rows = [_rows_of(design) for design in designs]
 
@@ -127,7 +127,7 @@ class _Rows:
     """Parts of a likelihood that do not depend on the errors, of one press.
 
     apart_mm2: Squared distances of its dots; shape (n, n).
-    columns: Derivatives by its own unknowns and by the shared ones, and what is left, along both axes; shape (n, 2 m).
+    columns: Jacobian by its own and by the shared unknowns, and residuals, along both axes; shape (n, 2 m).
     """
 
     press: Press
@@ -141,7 +141,7 @@ def _rows_of(design: Design) -> _Rows:
 
 
 def _minus_ln_likelihood(presses: Sequence[_Rows], errors: Errors, precision: FloatArray, own_precision: FloatArray) -> float:
-    """Of the restricted likelihood, up to a constant; presses are eliminated one by one."""
+    """Minus ln of the restricted likelihood, up to a constant; presses are eliminated one by one."""
     # -2 ln L = ln |V| + ln |A^T V^-1 A| + r^T V^-1 r - (A^T V^-1 r)^T (A^T V^-1 A)^-1 (A^T V^-1 r), A the derivatives with those
     # of the priors: as if the residuals were fitted anew for each V, and less what the unknowns take of them
     count, total = len(own_precision), 0.0
@@ -167,7 +167,7 @@ def _minus_ln_likelihood(presses: Sequence[_Rows], errors: Errors, precision: Fl
 
 
 def _spread(cost: Callable[[FloatArray], float], at: FloatArray) -> list[float]:
-    """Standard deviations from the curvature of a likelihood, by differences."""
+    """Standard deviations from the Hessian of minus a log likelihood, by finite differences."""
     steps = 0.1 * np.eye(len(at))
     curve = np.empty((len(at), len(at)))
     for i in range(len(at)):

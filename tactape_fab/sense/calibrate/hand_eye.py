@@ -2,7 +2,7 @@
 
 B X = Y P: B is the flange in the base by the robot, X the sensor on the flange, Y the tape in the base, P the sensor on the
 tape. A press gives three of P's six degrees of freedom; its height and tilt are those of a sensor that lies flat on the tape,
-within `SIGMAS`. Robot and gel err by far more than the camera: the sizes of their errors come from what is left over.
+within `SIGMAS`. Robot and gel err by far more than the camera: the sizes of their errors are estimated from the residuals.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 
 MOST_LEFT_MM, MOST_LEFT_RAD = 1.0, 0.1
-"""Of the sensor in the tape's plane and about its normal: arm and gel leave less; poses of others, or in other units, more."""
+"""Largest residuals in the tape's plane and about its normal: poses of other presses, or in other units, have larger ones."""
 LEAST_POSES = 5
 SIGMAS = np.array([0.1, 0.1, 0.3, 0.02, 0.02, 0.004])
-"""Errors to start from: x, y, z of the sensor on the tape, mm, and turns about its axes, rad, in its own frame."""
+"""Initial standard deviations: x, y, z of the sensor on the tape, mm, and turns about its axes, rad, in its own frame."""
 LEAST_SIGMAS = np.array([0.005, 0.005, 0.01, 0.001, 0.001, 0.0002])
 FAR_MM = 2000.0
-"""Standard deviation of all places before anything is seen."""
+"""Prior standard deviation of all translations."""
 OBSERVED_MM, OBSERVED_RAD = 5.0, 0.1
 LEAST_BEYOND_MM, BEYOND_SIGMAS = 10.0, 3.0
-"""How far beyond the tape the flange is where that is said, and so many standard deviations: a tool's frame may be in the gel."""
+"""The flange is reported as beyond the tape from this distance and so many sigmas on: a tool's frame may be in the gel."""
 FACE_DOWN = 0.7
 """Cosine of the angle between the tape's normal and the base's z axis, downward, from where on the tape faces down: 45 deg."""
 MOST_SHARE = 0.5
-"""Most of the variance of tilts that may be the arm's own errors: beyond, tilts say nothing of how far the sensor reaches out."""
+"""Largest share of the variance of tilts by the arm's own errors; above it, tilts do not tell how far the sensor reaches out."""
 _STARTS = 6
 _ROUNDS = 3
 _MOST_STEPS = 60
-"""Of a solve: poses that fit take some five to ten, those of other frames would take hundreds."""
+"""Largest number of steps of a solve: poses that fit take five to ten, those of other frames would take hundreds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,7 +64,7 @@ class HandEye:
     frames : tuple of int
         Frames used.
     left : ndarray, shape (6,)
-        Root mean square of what is left over of x, y, z (mm) and turns (rad) of the sensor on the tape.
+        Root mean square of the residuals of x, y, z (mm) and turns (rad) of the sensor on the tape.
     remarks : tuple of str
         What cannot be observed.
     """
@@ -186,7 +186,7 @@ def _agreeing(
 
 
 class _Joint:
-    """All rows: those of the camera's adjustment, and six of each pose of the arm."""
+    """The joint least-squares problem: rows of the camera's adjustment, and six for each pose of the arm."""
 
     def __init__(
         self, bundle: Bundle, presses: Sequence[Press], arm: FloatArray, which: FloatArray, origin: FloatArray, sigmas: FloatArray
@@ -198,7 +198,7 @@ class _Joint:
         self.pattern = pattern_of([len(press.weights) for press in presses], self.count)
 
     def solved(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Solution, what is left of the arm's rows (m, 6), their degrees of freedom (6,), the covariance of both transforms."""
+        """Solution, residuals of the arm's rows (m, 6), their degrees of freedom (6,), covariance of both transforms (12, 12)."""
         held = np.concatenate([~self.problem.free, np.zeros(len(z) - len(self.problem.free), dtype=bool)])
         free = np.flatnonzero(~held)
         whole = partial(completed, z, free)
@@ -224,7 +224,7 @@ class _Joint:
         return np.concatenate([rows_of(self.problem, self.white, z[:-12])[0], self.arm_rows(z)])
 
     def arm_rows(self, z: FloatArray) -> FloatArray:
-        """Residual of each pose of the arm, over its error, and the priors of both places."""
+        """Whitened residuals of the arm's poses, and of the priors of both translations."""
         poses = z[..., OF_ALL:-12].reshape(*z.shape[:-1], -1, OF_PRESS)[..., self.which, :]
         left = misfits(self.arm, poses, self.origin, z[..., -12:]) / self.sigmas
         return np.concatenate([left.reshape(*z.shape[:-1], -1), z[..., -12:-9] / FAR_MM, z[..., -6:-3] / FAR_MM], axis=-1)
@@ -254,7 +254,7 @@ def matrix_of(values: FloatArray) -> FloatArray:
 
 
 def _own_motion(values: FloatArray) -> FloatArray:
-    """Small motion of `matrix_of` in its own frame, shift (mm) and turn (rad), with each of its values; shape (6, 6)."""
+    """Jacobian of the small motion of `matrix_of` in its own frame, shift (mm) and turn (rad), by its values; shape (6, 6)."""
     back, step, out = np.linalg.inv(matrix_of(values)), 1e-6, np.empty((6, 6))
     for k, d in enumerate(step * np.eye(6)):
         # T^-1 dT: the skew matrix of the turn, and the shift
@@ -306,7 +306,7 @@ def misfits(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray, both: Flo
 
 
 def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
-    """Both transforms roughly: the best of several starts, which differ in the turns that flat presses leave open."""
+    """Initial values of both transforms: the best of several starts, which differ in the turns that flat presses leave open."""
     seen = on_tape(poses, origin_mm)
     prior, steps = np.eye(12)[[0, 1, 2, 6, 7, 8]] / FAR_MM, 1e-6 * np.eye(12)
 

@@ -19,10 +19,10 @@ SIDE_PX = 32
 CLEAR_MM = 2.0
 """Distance of a patch from every dot: beyond the contact's rim."""
 LOWEST = 4
-"""Frequencies from so many cycles a patch on: below, the window leaks what the shape of the contact has left."""
+"""Least frequency that is used, cycles per patch: below, the window leaks remains of the contact's shape."""
 LEAST_PATCHES = 4
 _SPREAD = (35.0 / 18.0) ** 2
-"""Ordinates of a periodogram of Hann's window are as many independent ones less by this."""
+"""Factor by which a Hann window reduces the number of independent ordinates of a periodogram."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,10 +63,10 @@ def off_contact(frames: Sequence[Frame], presses: Sequence[Press], empty: Sequen
 
 
 def between_dots(left: float, freedom: float, sensor: SensorProfile) -> Noise:
-    """Noise of the slopes from what a fit of the dots' relief leaves; white noise of the depth is not told from it there.
+    """Noise of the slopes from the residuals of a fit of the dots' relief, which do not tell white noise of the depth apart.
 
-    left: Squares of the differences between neighbouring pixels that are left, over those expected of slopes of variance 1.
-    freedom: How many there are, in all.
+    left: Squared residual differences of neighbouring pixels, over those expected for slopes of variance 1.
+    freedom: Degrees of freedom of all of them.
     """
     scale = sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1])
     # differences of neighbouring pixels are slopes over R
@@ -138,5 +138,5 @@ def _split(power: FloatArray, count: int, sensor: SensorProfile) -> Noise:
 
 
 def _of_root(value: float, sigma: float) -> float:
-    """Standard error of a root, from that of the value; by the root of the error itself where the value is nothing."""
+    """Standard error of sqrt(value), for `sigma` that of the value: sigma / (2 sqrt(value)), at most sqrt(sigma)."""
     return float(min(sigma / (2.0 * sqrt(value)), sqrt(sigma))) if value > 0.0 else sqrt(sigma)

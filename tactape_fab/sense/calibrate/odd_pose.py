@@ -1,4 +1,4 @@
-"""The pose of an arm that all others contradict, by leaving each out (Cook and Weisberg, Residuals and influence, 1982, ch. 2).
+"""Outliers among an arm's poses, found by leaving each out (Cook and Weisberg, Residuals and influence, 1982, ch. 2).
 
 A pose of an arm that still moved, or of another frame, is not far off itself where it decides what the others leave open: tilted
 by 6 deg too much among presses that tilt by 1 it has the sensor reach out as far as it says, and all others are off. So each pose
@@ -22,14 +22,14 @@ CHANCE = 1e-3
 LEAST_MM, LEAST_RAD = 0.3, 0.01
 """An odd pose is off by either, on the tape: a gel that slid by less is no fault of a pose, and hardly moves an answer."""
 SEEN = [0, 1, 5]
-"""Of x, y, z and three turns those that a press shows: how high and how tilted a sensor lies is assumed, and people tilt it."""
+"""Indices of x, y and the turn about z, which a press shows: height and tilt of a sensor are assumed, and people tilt it."""
 _CANDIDATES, _ROUNDS = 3, 4
 _STEP = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OddPose:
-    """A pose that is off on the tape by so much, by what the others say.
+    """A pose with its error on the tape, as predicted by the other poses.
 
     index: Among the poses.
     """
@@ -44,10 +44,10 @@ def odd_poses(
 ) -> tuple[OddPose, ...]:
     """The pose that the others contradict most, if chance does not explain it; else such a pair; else none.
 
-    left: From the unknowns to what is left over of each pose, x, y, z (mm) and turns (rad); (u,) to (m, 6).
-    z (u,): The unknowns by all poses.
-    sigmas, least (6,): Errors of each kind to start from, and the least.
-    prior (u,): 1 / standard deviation of each unknown before anything is seen.
+    left: Function from the unknowns (u,) to the residuals of each pose, x, y, z (mm) and turns (rad), (m, 6).
+    z (u,): The unknowns fitted to all poses.
+    sigmas, least (6,): Initial and least standard deviation of each kind of residual.
+    prior (u,): 1 / prior standard deviation of each unknown.
     most: How many may be odd.
     """
     rates, at = _rates(left, z), left(z)
@@ -76,7 +76,7 @@ def odd_poses(
 
 
 def _rates(left: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
-    """Derivatives of what is left over by the unknowns; (m, 6, u)."""
+    """Jacobian of the residuals by the unknowns; (m, 6, u)."""
     steps = _STEP * np.eye(len(z))
     return np.stack([(left(z + d) - left(z - d)) / (2.0 * _STEP) for d in steps], axis=2)
 
@@ -91,7 +91,7 @@ def _held(
     least: FloatArray,
     prior: FloatArray,
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Poses k by what some others say, to first order about z: the chance of that, how far they are off, their errors."""
+    """Poses k as predicted by others, to first order about z: p-value, deviations, and their standard deviations."""
     by, said = rates[others], at[others]
     for _ in range(_ROUNDS):
         scaled = (by / sigmas[:, None]).reshape(-1, len(z))

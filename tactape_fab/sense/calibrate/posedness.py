@@ -36,9 +36,9 @@ none has: nothing then says that the lens is no more than k1. The stock profile'
 corners a larger one is the gel's, and every press makes it smaller."""
 GOOD_CORNER_UM = 15.0
 GOOD_SHARE = 1.15
-"""Errors of answers over those by the true camera above which more presses are advised."""
+"""Ratio of the errors of answers to those with the true camera above which more presses are advised."""
 ALIKE = 0.9
-"""Mean length of doubled directions from which all presses are turned alike."""
+"""Length of the mean vector of doubled directions from which on presses count as all turned alike."""
 WORSE_OUTSIDE = 1.5
 _CORNERS = {"upper left": (-1, -1), "upper right": (1, -1), "lower left": (-1, 1), "lower right": (1, 1)}
 
@@ -167,7 +167,7 @@ def empty_corners(presses: Sequence[Press], sensor: SensorProfile) -> list[str]:
 
 
 def corner_sigma_um(bundle: Bundle) -> float:
-    """Largest standard deviation, in view, of where the camera has a point of the gel against the one in the image's middle."""
+    """Largest standard deviation, in view, of a point on the gel relative to the one in the image's middle, by the camera."""
     sensor = bundle.sensor
     side = np.linspace(0.0, 1.0, 9)
     at_px = np.stack(np.meshgrid(side * (sensor.width_px - 1), side * (sensor.height_px - 1)), axis=-1).reshape(-1, 2)

@@ -37,8 +37,8 @@ class Press:
     frame: Its place among the frames.
     tape: Name of the tape.
     seen_px (n, 2): Dots as detected, canonical image.
-    rim_mm (n, 2): By what a dot at the rim is put back, on the gel along u and v.
-    texture_mm (n, 2): Places of their parts: as built where the answer rests on those, else nominal.
+    rim_mm (n, 2): Correction of dots at the rim, on the gel along u and v.
+    texture_mm (n, 2): Positions of their parts: as built if the answer rests on those, else nominal.
     weights (n,): Height over that of a whole dot, times trust; at most 1.
     amid (n,): Dots with others on all sides, and off the image's sides: what the filter draws alike in all presses is not seen in
         them.
@@ -62,12 +62,12 @@ class Press:
     fine: bool = False
 
     def taken(self, which: BoolArray | IntArray) -> Press:
-        """With some of its dots; what neighbours do to them stays."""
+        """A copy with some of the dots; shifts by dots that are left out stay."""
         arrays = {f.name: getattr(self, f.name)[which] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
         return replace(self, **arrays)
 
     def at(self, pose: FloatArray) -> Press:
-        """To start from another pose: x mm, y mm, theta rad, and more that is not read."""
+        """A copy with another initial pose: x mm, y mm, theta rad; further entries are ignored."""
         return replace(self, position_mm=(float(pose[0]), float(pose[1])), theta_rad=float(pose[2]))
 
 

@@ -19,7 +19,7 @@ from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.tape import Tape
 
 MOST_LOW = 0.3
-"""Dots of which more of the height is missing are so far out on the rim that its slope is no longer one number."""
+"""Dots that miss a larger share of their height are left out: so far out on the rim its slope is not constant over the dot."""
 
 
 def refined(frames: Sequence[Frame], presses: Iterable[Press], sensor: SensorProfile, tapes: Sequence[Tape]) -> list[Press]:

@@ -21,7 +21,7 @@ from tactape_fab.texture.tape import Tape
 WHOLE = 0.9
 """Dots of this weight are imprinted wholly."""
 FINE = (0.03, 0.04, *BLURS_MM, 0.55, 0.7)
-"""Blurs that are tried, mm; between them the least is that of a parabola."""
+"""Blurs that are tried, mm; the minimum between them is interpolated by a parabola."""
 MOST_PRESSES = 40
 
 
@@ -97,7 +97,7 @@ def _of_press(
 
 
 def _least(blurs: Sequence[float], sums: FloatArray, best: int) -> float:
-    """Blur of the least of a parabola through three sums, in ln of the blur."""
+    """Blur at the minimum of the parabola in ln of the blur through the best sum and its neighbours."""
     if best in (0, len(blurs) - 1):
         return float(blurs[best])
     # blurs are spaced by factors, evenly in ln

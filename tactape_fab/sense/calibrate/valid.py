@@ -14,7 +14,7 @@ from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray
 
 LEAST_FRAMES = 3
-"""In fewer frames a pixel that says the same in each may do so by chance."""
+"""With fewer frames a pixel may have the same value in all of them by chance."""
 _THIN_PX = 4
 """Blind areas less wide than this are single pixels, which smoothing hides."""
 LEAST_SHARE = 0.05

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _STEP = 1e-6
 _MM_TO_M = 1e-3
 _LEAST_EIGENVALUE = 1e-12
-"""Of the scaled information matrix: below, a direction counts as unknown."""
+"""Eigenvalue of the scaled information matrix below which a direction counts as unobserved."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -187,7 +187,7 @@ def measure_pose(
 
 
 def _motion(surface: Surface, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """`image_pose`, and its motion in its own frame with each entry of the state, (6, 6): turns in rad, then shifts in m."""
+    """`image_pose`, and the Jacobian of its motion in its own frame by the state, (6, 6): turns in rad, then shifts in m."""
     here, motion = image_pose(surface, state), np.empty((6, 6))
     back = np.linalg.inv(here)
     for k, unit in enumerate(np.eye(6)):

@@ -35,18 +35,18 @@ from tactape_fab.sense.survey.poses import RobotPose
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 COMMON = ("px_per_mm", "aspect", "shear", "k1", "push", "pull")
-"""Common to all contacts: ln of the scale, changes of the profile's camera, push (mm at 1 mm), pull (of missing height)."""
+"""Unknowns common to all contacts: ln of the scale, corrections of the profile's camera, push (mm at 1 mm), pull."""
 ROUNDS, SETTLED_MM = 12, 2e-5
 TRUSTING = 2
-"""Rounds in which every dot counts in full: a part is far from its design before it is placed."""
+"""Number of first rounds without robust weights: residuals are large until a part has moved from its design's position."""
 HUBER, FARTHEST = 2.0, 6.0
-"""Standard deviations from which on an error weighs less (Huber), and from which on it does not count."""
+"""Residuals, in standard deviations, from which on a dot weighs less (Huber), and from which on it has no weight."""
 LEAST_SIGMA_MM, USUAL_SIGMA_MM, MOST_SIGMA_MM = 0.0005, 0.006, 0.2
-"""Error of a whole dot: the least, the one to start from, and the most."""
+"""Standard deviation of a full dot: least, initial and largest."""
 LEAST_SCATTER_MM, USUAL_SCATTER_MM, MOST_SCATTER_MM = 0.002, 0.05, 0.3
-"""Scatter of the parts: the least, the one to start from, and the most."""
+"""Standard deviation of the parts about the design: least, initial and largest."""
 MOST_LEFT_MM, MOST_LEFT_RAD, MOST_LEFT_SIGMAS = 1.0, 0.1, 3.0
-"""How far half of a robot's poses may be off, or so many of their own standard deviations; those of other frames are farther."""
+"""Limits of the median residual of a robot's poses, absolute or in their own sigmas; poses of other frames exceed them."""
 
 LEAST_POSES = 20
 """Poses of a robot that show a stretch and bend: ten, of 80 contacts on a flat tape, make its places less exact."""
@@ -75,7 +75,7 @@ class Adjusted:
     common, common_sigma (6,): `COMMON`, and standard deviations.
     dot_mm: Error of a whole dot along an axis.
     scatter_mm: Scatter of the parts about the design; None where an inspection said where all of them are.
-    left: Share of dots that do not count, being far off.
+    left: Share of dots that were rejected as outliers.
     poses (contacts, 3): x mm, y mm, theta rad.
     """
 
@@ -198,7 +198,7 @@ def adjust(
 
 
 def _common_prior(sensor: SensorProfile) -> tuple[FloatArray, FloatArray]:
-    """Means and standard deviations of `COMMON`, as the decoder has them."""
+    """Prior means and standard deviations of `COMMON`, as in the decoder."""
     sigmas = np.maximum(beliefs_of(sensor, fixed_scale=False).sigmas, 1e-9)
     return np.array([0.0, 0.0, 0.0, 0.0, PUSH_MM, PULL]), np.array([*sigmas, PUSH_SIGMA_MM, PULL_SIGMA])
 
@@ -206,7 +206,7 @@ def _common_prior(sensor: SensorProfile) -> tuple[FloatArray, FloatArray]:
 def _residuals(
     rows: _Rows, sensor: SensorProfile, common: FloatArray, poses: FloatArray, places_mm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Seen less modelled places (m, 2), texture frame, and the derivatives by theta (m, 2) and `COMMON` (m, 2, 6)."""
+    """Seen minus modelled positions (m, 2), texture frame; their derivatives by theta (m, 2) and `COMMON` (m, 2, 6)."""
     camera = _camera(sensor, common)
     centre = camera.from_px(sensor.centre_px)
     push, pull = common[4:].tolist()
@@ -284,7 +284,7 @@ class _Arm:
         return 3 if len(self.contact) else 0
 
     def _left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Misfit of each pose (n, 3), the turn of the robot's frame (2, 2), and board points so turned (n, 2)."""
+        """Residuals of the poses (n, 3), the rotation of the robot's frame (2, 2), and the rotated board points (n, 2)."""
         board, theta = self._of(poses)
         c, s = np.cos(self.at[2]), np.sin(self.at[2])
         turn = np.array([[c, -s], [s, c]])
@@ -293,7 +293,7 @@ class _Arm:
         return np.column_stack([self.at[:2] + along - self.said[:, :2], off]), turn, along
 
     def refuse_others(self, poses: FloatArray) -> None:
-        """Refuse poses that are not those of the contacts: half of them are too far off. Raises SpecError."""
+        """Refuse poses that are not those of the contacts: their median residual is too large. Raises SpecError."""
         if not len(self.contact):
             return
         left, _, _ = self._left(poses)
@@ -309,7 +309,7 @@ class _Arm:
             raise SpecError(Problem("poses", f"{message}; {remedy}"))
 
     def added(self, normal: FloatArray, right: FloatArray, poses: FloatArray) -> None:
-        """Add the robot's poses to normal equations whose unknowns are `COMMON`, three a contact, and three of its frame."""
+        """Add the robot's poses to the normal equations; their unknowns: `COMMON`, three per contact, three of its frame."""
         left, turn, along = self._left(poses)
         # Huber's weight for each of x, y and the angle by itself
         weight = np.minimum(1.0, HUBER / np.maximum(np.abs(left) / self.sigma, 1e-9)) / self.sigma**2
@@ -370,7 +370,11 @@ class _Normal:
         self.over: csr_matrix = self.cross
 
     def bent(self, bend: Bend, weight: FloatArray, towards: FloatArray) -> None:
-        """Add the unknowns of a bend, about which parts scatter with this weight (k,) each, and are so far off, weighted."""
+        """Add the unknowns of a bend to the normal equations.
+
+        weight (k,): Inverse variance of each part about the bend.
+        towards (k, 2): Prior minus current shift of each part, weighted.
+        """
         if not len(bend.modes):
             return
         weighted = bend.modes * np.tile(weight, 2)
@@ -416,7 +420,7 @@ class _Normal:
         return step, moved.reshape(2, -1).T
 
     def sigmas(self, nominal_mm: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Standard deviations of the parts' places along an axis (k,), of the mean of neighbours, and of `COMMON`."""
+        """Standard deviations along an axis of the parts (k,) and of the mean of neighbouring parts, and those of `COMMON`."""
         inverse = cho_solve(self.factor, np.eye(len(self.factor[0])), overwrite_b=True, check_finite=False)[
             : self.size, : self.size
         ]

@@ -12,13 +12,13 @@ LEAST_BEND_MM, MOST_BEND_MM = 0.0005, 0.3
 
 
 class Bend:
-    """Stretch and bend of the whole tape: all places that are polynomials of degree 2 of the design's, but for rigid motions.
+    """Stretch and bend of the whole tape: displacements that are polynomials of degree 2 in the design's x and y, not rigid.
 
-    To scatter by itself a part has a prior of its own. Of a thousand parts these priors would hold a common bend of theirs a
-    thousand times, against any robot. How large it is, is estimated as the scatter is. Without a robot nothing shows it.
+    The priors of the single parts would hold back a common bend, with a thousand parts a thousand times, against any robot. So it
+    has unknowns of its own, whose size is estimated as the scatter is. Without a robot it is not observable.
 
-    modes (m, 2 k): x of all parts, then y; orthogonal, each with a root mean square of 1. None where no robot holds them.
-    amplitude_mm (m,): Of each.
+    modes (m, 2 k): x of all parts, then y; orthogonal, each with a root mean square of 1. Empty without a robot.
+    amplitude_mm (m,): Amplitude of each mode.
     """
 
     def __init__(self, nominal_mm: FloatArray, *, held: bool) -> None:
@@ -33,7 +33,7 @@ class Bend:
 
     @property
     def shift_mm(self) -> FloatArray:
-        """Of each part (k, 2)."""
+        """Displacement of each part (k, 2)."""
         return (self.amplitude_mm @ self.modes).reshape(2, -1).T
 
     def refuse_other_units(self) -> None:

@@ -1,4 +1,4 @@
-"""Located frames -> contacts: where each dot is seen, which part it is, and what else draws it."""
+"""Located frames -> contacts: position and part of each dot, and the shifts by its neighbours and by the rim."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to
 from tactape_fab.texture.tape import Tape
 
 LEAST_DOTS = 6
-"""A contact of fewer says hardly more than its own pose."""
+"""Fewest dots of a contact: fewer tell hardly more than its own pose."""
 LEAST_NEIGHBOURS, MOST_UNSEEN = 5, 1
 """Neighbouring grid points that must show a dot for a part amid them to be expected, and those that may not: at a contact's rim
 there are three and more."""
@@ -33,7 +33,7 @@ class SeenDots:
     seen_px (n, 2): Where the dots are seen, canonical image, those at the rim put back.
     own (n,): Variance of a dot over that of a whole one: 1 / sqrt(weight).
     rim_mm2 (n,): Variance that the contact's rim adds.
-    pushed, pulled (n, 2): What neighbours and the rim do to each, right and down, for a push and a pull of 1; see
+    pushed, pulled (n, 2): Shift of each by neighbours and by the rim, right and down, for a push and a pull of 1; see
         `decode.grid.posterior`.
     """
 
@@ -61,7 +61,7 @@ class Contact(SeenDots):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ground:
-    """A tape as the contacts see it: index of the part on each grid point (-1: none), and the design's places, texture frame."""
+    """Index of the part on each grid point of a tape (-1: none), and the design's positions, texture frame, mm."""
 
     tape: Tape
     part_at: IntArray

@@ -1,4 +1,4 @@
-"""Contacts of two copies of a tape, told by what is left over of each part: contacts of one copy have it alike."""
+"""Contacts of two copies of a tape, told by the residuals of each part, which agree between contacts of one copy."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def refuse_copies(frames: Sequence[int], contact: IntArray, part: IntArray, left
     """Refuse contacts of two copies of a tape. Raises SpecError.
 
     frames: Of each contact, for the message.
-    contact, part (m,), left_mm (m, 2): Of each dot: its contact, its part, and what is left over of its place, texture frame.
+    contact, part (m,), left_mm (m, 2): Of each dot: its contact, its part, and its residual, texture frame.
     places_mm (n, 2): Of the parts.
     """
     found = split_of(contact, part, left_mm, places_mm, len(frames))
@@ -91,10 +91,10 @@ def refuse_other_start(
 
 
 def split_of(contact: IntArray, part: IntArray, left_mm: FloatArray, places_mm: FloatArray, contacts: int) -> Split | None:
-    """The two groups of contacts that differ most; None where too few parts are shown by both.
+    """The two groups of contacts that differ most; None if too few parts are shown by both.
 
-    Contacts of one copy have what is left over of a part alike, those of two against each other: the leading eigenvector of the
-    contacts' sums of products tells them apart by its signs. Then each is held against the means of both groups without it.
+    The residuals of a part agree between contacts of one copy, and are opposite between two: the signs of the leading eigenvector
+    of the contacts' products split them. Then each contact is compared with the means of both groups without it.
     """
     shape = (contacts, len(places_mm))
     seen = csr_matrix((np.ones(len(part)), (contact, part)), shape=shape)
@@ -134,7 +134,7 @@ def split_of(contact: IntArray, part: IntArray, left_mm: FloatArray, places_mm: 
 
 
 def _means(seen: csr_matrix, by: Sequence[csr_matrix], group: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """How many contacts of a group show each part (n,), and the mean of what is left over of it (n, 2), 0 where none does."""
+    """Number of contacts of a group that show each part (n,), and the mean residual of the part (n, 2), 0 where none does."""
     weight = group.astype(float)
     count = seen.T @ weight
     return count, np.stack([of.T @ weight for of in by], axis=1) / np.maximum(count, 1.0)[:, None]

@@ -34,10 +34,10 @@ LEAST_CONTACTS = 10
 MOST_CONTACTS = 3000
 """More take more memory than is fair (the square of three times as many numbers): survey them in parts, each --from the last."""
 LEAST_EXPECTED = 2
-"""Contacts amid whose dots a part is not seen, and never elsewhere, for it to be called missing."""
+"""A part is missing if at least so many contacts have dots all round it, and no contact ever shows it."""
 DRIFT_ERROR = 2.2
-"""By how much drift is more than the adjustment says, as errors of dots are not as independent as it takes them. In simulated
-surveys of 300 contacts the means of neighbouring parts are off by 1.8 to 2.4 times as much: alone, and with a robot or a scan."""
+"""Factor on the adjustment's standard deviation of drift, as errors of dots are not independent. In simulated surveys of 300
+contacts, alone and with a robot or a scan, the means of neighbouring parts are off by 1.8 to 2.4 times as much."""
 
 _BLOCK = 32
 """Frames that one worker locates at a time."""
@@ -183,10 +183,10 @@ def _surveyed(
 
 
 def _sigma_before(sigma_mm: FloatArray, before: AsBuilt | None) -> FloatArray:
-    """How well parts are known before, each alone; NaN of those that nobody measured, and of which too few others were to say it.
+    """Prior standard deviation of each part without the drift common to neighbours; NaN if it was not measured.
 
-    What neighbours are wrong by together is left out: as an error of each part it would count as known better the more parts
-    there are, and no contact shows it. It is in the result as it was before (`_as_built`).
+    As an independent error of each part, drift would seem better known the more parts there are, and no contact shows it. The
+    result includes it as it was before (`_as_built`).
     """
     unknown, alone = sigma_mm == 0.0, sigma_mm.copy()
     if before is not None:
@@ -220,7 +220,7 @@ def _located(
     progress: Progress,
     workers: Workers,
 ) -> dict[int, Contact]:
-    """Contacts by their frames: those that are done, and of the other frames those that are located."""
+    """Contacts by frame: those in `done`, and those of the other frames that are located."""
     count, seen = sum(file.count for file in files), 0
     frames = enumerate(_once(depth for file in files for depth in file.frames()))
     blocks = iter(lambda: [(k, None if k in done else depth) for k, depth in islice(frames, _BLOCK)], [])
@@ -296,7 +296,7 @@ def _as_built(
 
 
 def _missing(contacts: Collection[Contact], touched: IntArray, parts: int) -> IntArray:
-    """Parts amid the dots of several contacts that no contact ever shows."""
+    """Parts that no contact shows though several have dots all round them."""
     expected = np.zeros(parts, dtype=np.int64)
     for contact in contacts:
         expected[contact.expected] += 1

@@ -1,7 +1,7 @@
 """Change between two frames of one contact, from the dots that both show: what the frames have in common cancels.
 
-Errors by the camera, by the places of parts and by the contact's rim are nearly the same in both poses. Dot by dot they go out
-of the difference: a rigid tape moves all its dots as one.
+Errors by the camera, by the placement of parts and by the contact's rim are nearly the same in both poses, and cancel in the
+difference of each dot: a rigid tape moves all its dots as one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LEAST_COMMON = 6
 STEPS = 2
 LEAST_SIGMA_MM = 0.0003
 CAMERA_SHARE = 0.005
-"""Error of a change as a share of it: what a frame of 30 dots leaves open of scale, aspect, shear and lens, 3 mm off."""
+"""Relative error of a change, by the uncertainty of scale, aspect, shear and distortion of a frame of 30 dots, 3 mm off."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,7 +100,7 @@ def _common(old: LocatedDots, new: LocatedDots) -> tuple[FloatArray, FloatArray]
 
 
 def _camera(old: Localization, new: Localization, sensor: SensorProfile) -> FloatArray:
-    """Inverse of what both fits say of the camera beyond the profile's, on the mean."""
+    """Inverse of the mean of both fits' corrections of the profile's camera; shape (2, 2)."""
     aspect, shear = (0.5 * sum((one.strain or (0.0, 0.0, None))[k] or 0.0 for one in (old, new)) for k in (0, 1))
     scale = 0.5 * sum((one.px_per_mm or sensor.px_per_mm[0]) / sensor.px_per_mm[0] for one in (old, new))
     along, down = 1.0 + 0.5 * aspect, 1.0 - 0.5 * aspect
@@ -109,7 +109,7 @@ def _camera(old: Localization, new: Localization, sensor: SensorProfile) -> Floa
 
 
 def _on_gel(uv_px: FloatArray, undo: FloatArray, sensor: SensorProfile) -> FloatArray:
-    """Pixels as places on the gel, mm; the last of them is the image centre, from which they count."""
+    """Positions on the gel, mm, of all pixels but the last, relative to the last, which is the image centre."""
     at = sensor.camera.from_px(uv_px)
     return np.asarray((at[:-1] - at[-1]) @ undo.T)
 
@@ -121,7 +121,7 @@ def _rotation(angle_rad: float) -> FloatArray:
 
 
 def _moved_as_one(rates: FloatArray, seen: FloatArray) -> FloatArray:
-    """Mask of the dots that moved as the most of them did."""
+    """Mask of the inliers: dots that moved as most of them did."""
     n, keep = len(seen), np.ones(len(seen), dtype=bool)
     for _ in range(STEPS):
         at, _ = _solved(rates[keep], seen[keep])
@@ -133,7 +133,7 @@ def _moved_as_one(rates: FloatArray, seen: FloatArray) -> FloatArray:
 
 
 def _solved(rates: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least squares, and the covariance with the errors' variance from what is left."""
+    """Least-squares solution, and its covariance with the errors' variance estimated from the residuals."""
     flat, target = rates.reshape(-1, rates.shape[-1]), seen.reshape(-1)
     inverse = np.asarray(np.linalg.inv(flat.T @ flat), dtype=np.float64)
     at = inverse @ (flat.T @ target)
