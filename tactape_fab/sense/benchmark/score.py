@@ -104,7 +104,7 @@ def score(answers: Mapping[int, Answer], truth: Sequence[Truth]) -> dict[str, Ro
 
 
 def error_of(answer: Answer, truth: Truth) -> FloatArray | None:
-    """(x mm, y mm, theta rad) of an answer less the truth; None where it is another tape's, or no place."""
+    """Answer minus truth, (x mm, y mm, theta rad); None if the answer is on another tape, or has no position."""
     if not truth.registered or answer.position_mm is None or answer.theta_deg is None:
         return None
     if answer.tape != truth.tape and not (answer.tape is None and answer.sector == truth.sector):
@@ -116,7 +116,7 @@ def error_of(answer: Answer, truth: Truth) -> FloatArray | None:
 
 
 def is_right(error: FloatArray | None) -> bool:
-    """Whether an error is none of another place."""
+    """Whether an error is within `RIGHT_MM` and `RIGHT_DEG`, so that the place is the right one."""
     return error is not None and hypot(error[0], error[1]) < RIGHT_MM and abs(error[2]) < radians(RIGHT_DEG)
 
 

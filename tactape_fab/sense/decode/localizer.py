@@ -51,7 +51,7 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.trace import TraceCode
 
 _MOST_NAMED = 8
-"""Tapes that a message names: a registry may have thousands."""
+"""Largest number of tapes that a message names: a registry may have thousands."""
 
 
 def _is_number(value: object) -> bool:
@@ -59,7 +59,7 @@ def _is_number(value: object) -> bool:
 
 
 def _stamped(found: Localization, start: float, timestamp: float | None) -> Localization:
-    """A new answer with its times; `dataclasses.replace` would take 10 us for all its fields, and nobody else has it yet."""
+    """Set the times of a new answer, in place as nobody else has it yet; `dataclasses.replace` would take 10 us."""
     given: object = timestamp
     if isinstance(given, np.number):  # of an array of times; JSON takes Python's own numbers alone
         timestamp = given.item()

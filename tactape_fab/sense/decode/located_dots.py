@@ -27,7 +27,7 @@ OBSERVED = 0.9
 
 
 class LazyDots(LocatedDots):
-    """`LocatedDots` that are computed when the first of them is asked for: most callers never do."""
+    """`LocatedDots` that are computed on first access: most callers never read them."""
 
     __slots__ = ("_compute",)
 
@@ -35,7 +35,7 @@ class LazyDots(LocatedDots):
         object.__setattr__(self, "_compute", compute)
 
     def __getattr__(self, name: str) -> Any:
-        """A field that is not there yet; all of them are, once this has returned."""
+        """Called for a field that is not computed yet; computes all fields."""
         if name not in _FIELDS:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
         # threads that ask at the same time compute the same
@@ -59,15 +59,15 @@ def located_dots(
     pose: Pose,
     view: View,
 ) -> LocatedDots:
-    """Put together what the dots of an accepted answer say.
+    """Build the `LocatedDots` of an accepted answer.
 
     dots: n of them.
     q (n, 4): From `fit.posteriors`, in the grid's axes.
     turn: Quarter turns of the grid's axes to the texture's.
     cells (k, 2): Of the dots inside.
     inside (n,): Dots at a part of the tape, k of them.
-    offset_px, nominal_mm (k, 2): Where they are from the image centre, in square pixels, and where their parts are in the texture
-        frame.
+    offset_px, nominal_mm (k, 2): Their offsets from the image centre, in square pixels, and the nominal positions of their parts,
+        texture frame.
     pose: Fitted to them.
     """
     seen_px = dots.xy_px if dots.seen_px is None else dots.seen_px
@@ -93,7 +93,7 @@ def _of_all(values: npt.NDArray[_Kind], inside: BoolArray, fill: float) -> npt.N
 
 
 def strain_of(pose: Pose, view: View) -> dict[str, tuple[float | None, float | None, None]]:
-    """Fields `strain` and `strain_sigma` of an answer: aspect and shear where the frame says something of them."""
+    """Fields `strain` and `strain_sigma` of an answer: aspect and shear where the frame observes them."""
     # a posterior nearly as wide as its prior repeats the profile: the frame has said nothing
     (aspect, shear, _), (aspect_sigma, shear_sigma, _) = pose.camera.tolist()
     _, known_aspect, known_shear, _ = view.beliefs.sigmas.tolist()
@@ -105,7 +105,7 @@ def strain_of(pose: Pose, view: View) -> dict[str, tuple[float | None, float | N
 
 
 def _on_texture(offset_px: FloatArray, pose: Pose, view: View) -> FloatArray:
-    """Texture points of dots by a pose and the camera of its fit; see `posterior` for the camera."""
+    """Texture points of dots, (n, 2) mm, by a pose and the camera fitted with it; see `posterior` for the camera."""
     aspect, shear, k1 = pose.camera[0].tolist()
     centre_mm, corner_mm = view.beliefs.centre_mm, view.beliefs.corner_mm
     shrink, c, s = view.px_per_mm / pose.px_per_mm, cos(pose.theta_rad), sin(pose.theta_rad)

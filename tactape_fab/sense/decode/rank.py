@@ -127,7 +127,7 @@ def read(
 
 
 def _fits(dots: Dots, xy: FloatArray, view: View, most: int) -> list[Fit]:
-    """The grids of most power for dots about their middle, best first, each fitted; those of hardly any power are left out."""
+    """Fits of the grids of most power, best first, without those below `LEAST_GRID_POWER`; xy: dots from their centroid."""
     # a dot that may be noise, or is low and so badly placed, says less of the grid
     strength = dots.trust * np.minimum(dots.weights, 1.0)
     lattices = find_lattices(xy, strength, view.pitch_px, view.scale_tolerance, most)

@@ -28,7 +28,7 @@ PLANAR = np.array([0, 1, 5])
 """Indices of x, y and the turn about z among the six degrees of freedom."""
 _FRAMES, _ORIGINS = ("texture", "board", "object"), ("tape", "gel")
 _PRESSED = ("tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n")
-"""Values of the contact, in the order of `to_mapping`."""
+"""Properties computed from `contact`, in the order of `to_mapping`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -323,7 +323,7 @@ def tape_named(fix: Localization) -> tuple[str | None, int | None, tuple[int, in
 
 
 def refuse_no_answer(fix: object) -> None:
-    """Refuse what is no answer of a localizer. Raises SpecError."""
+    """Refuse anything but a `Localization`. Raises SpecError."""
     refuse_other(fix, Localization, "fix", "Localization", "what Localizer.locate returns")
 
 

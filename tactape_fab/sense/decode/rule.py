@@ -1,4 +1,4 @@
-"""The decision rule: what decides whether a contact is located, as constants and formulas in plain Python and numpy.
+"""The decision rule by which a contact is located or not: constants and formulas in plain Python and numpy.
 
 The decoder's kernels are compiled with these constants; `advise` and `verify` read the same ones, without the compiler.
 
@@ -13,8 +13,8 @@ For a texture independent of the code the named bits are fair coins, so each fac
 w(h) that were fixed before any symbol was read and add up to 1 at most, the chance that any h has w(h) E(h) >= 1/p is at most
 the sum of p w(h), which is p: the answer's 1 / (w E) is `p_tape`. All dots count, also those that disagree with the answer.
 
-Other places of the same code are no coins: they hold the same sequences, shifted. Of these `p_place` is the posterior
-probability, and the answer must lead over each of them by `KAPPA` as well.
+The bits of other places of the same code are not independent: they hold the same sequences, shifted. `p_place` is the posterior
+probability of all these places, and the answer must lead over each of them by `KAPPA` as well.
 
 numba looks only at the age of a kernel's own file: after a change here, remove the compiled functions
 (`rm tactape_fab/sense/decode/*/__pycache__/*.nb?`). A test compares them with this file.

@@ -1,4 +1,4 @@
-"""Settings of `Localizer` and its tapes, judged together: out of range, without effect beside others, or not for one decoder."""
+"""Checks of `Localizer`'s settings and tapes together: out of range, without effect beside others, or not for one decoder."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ USUAL: Mapping[str, Any] = {
     "fixed_scale": False,
     "refine": None,
 }
-"""Every setting, and its value where none is given."""
+"""All settings with their defaults."""
 _LEAST_SHARE = 1e-300
 _SHARES = ("max_p_false", "max_p_tape", "unregistered_share")
 _OF_TAPES = ("world", "max_p_tape", "unregistered_share", "refine")
 
 
 def given_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of a program's settings that are not the usual ones."""
+    """Those of some settings that differ from their defaults."""
     return {name: value for name, value in settings.items() if not (type(value) is type(USUAL[name]) and value == USUAL[name])}
 
 

@@ -22,8 +22,8 @@ def texture_plane(at_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
 def image_pose(surface: Surface, state: FloatArray) -> FloatArray:
     """The image's frame on a surface; shape (4, 4), mm.
 
-    state (6,): x and y of the texture point under the image centre, mm; theta, rad; by how much the tape rises towards the sensor
-        for each mm along image u and v; how far the frame's origin is from that point along its own z, mm.
+    state (6,): x and y of the texture point under the image centre, mm; theta, rad; slopes of the tape along image u and v,
+        positive where it rises towards the sensor; distance of the frame's origin from that point along its own z, mm.
     """
     x, y, theta, rise_u, rise_v, ahead_mm = state.tolist()
     point, axes = surface(np.array([x, y]))
@@ -53,7 +53,7 @@ def pose_covariance(surface: Surface, state: FloatArray, covariance: FloatArray)
     """Covariance of `image_pose`, shape (6, 6): of its origin in mm, then of small turns about the surface's axes x, y, z in rad.
 
     surface, state: As for `image_pose`.
-    covariance (6, 6): Of the state; an infinite variance is that of something unknown, and has no covariances.
+    covariance (6, 6): Of the state; an infinite variance marks an unknown entry, and has no covariances.
     """
     unknown = ~np.isfinite(covariance.diagonal())
     here, rates = image_pose(surface, state), np.empty((6, 6))

@@ -197,7 +197,7 @@ def by_scale_of_file(fix: Localization, px_per_mm: tuple[float, float] | None) -
 
 
 def of_file_scale(reason: str) -> str:
-    """A reason for frames of a file with a scale of its own, which counts, whatever the profile says."""
+    """A reason that names the file's px_per_mm in place of the profile's, which the file overrides."""
     reason = reason.replace("the sensor profile's", "the file's").replace("the profile's", "the file's")
     if "px_per_mm" in reason:
         where = "in the sensor profile"
@@ -207,9 +207,9 @@ def of_file_scale(reason: str) -> str:
 
 
 def at_scale(sensor: SensorProfile, px_per_mm: tuple[float, float]) -> SensorProfile:
-    """A sensor with the scale of a file: it is as unsure as the profile's own, and by how far it is off that.
+    """A sensor profile with the scale of a file; its sigma combines the profile's and the difference of both scales.
 
-    A calibration's standard deviation is of its scale, and says nothing of another.
+    A calibration's standard deviation is that of its own scale, not of another.
     """
     if px_per_mm == sensor.px_per_mm:
         return sensor

@@ -1,4 +1,4 @@
-"""Kinds of recordings: by what files and folders each is told, and what a reader of any of them gives."""
+"""Kinds of recordings: the files and folders by which each is recognised, and the interface of their readers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NAMED, _MOST_SHOWN = 20, 100
 Image = npt.NDArray[Any]
 Stamped = tuple[float | None, Image]
 Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
-"""Topic, whether it is ours, and what reads it."""
+"""Topic, whether `watch` wrote it, and a function that iterates over its images."""
 
 
 def some_of(names: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""Alignment of many patches with one template by Gauss-Newton, with weights of each sample that are learned from all patches."""
+"""Gauss-Newton alignment of many patches with one template; the weight of each sample is learned from all patches."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tactape_fab.sense.inspect.patches import PatchGrid, Samples
 from tactape_fab.texture.frames import BoolArray, FloatArray
 
 _TUKEY = 4.5
-"""Scatters from which on a sample counts for nothing: at 3 glare takes the ends of good parts, and places along them suffer."""
+"""Tukey's cut-off, in scatters of a sample: at 3 glare would remove the ends of good parts, and positions along them suffer."""
 _FLOOR, _LEAST_SIGMA = 0.35, 0.02
-"""Least scatter of a sample, which would count for everything otherwise: of the usual one, and in units of contrast and
-brightness. Where most samples are cut, as on black film, the usual one is next to nothing."""
+"""Lower limits of a sample's scatter, as weights would be unbounded: a share of the usual scatter, and in units of contrast and
+brightness. Where most samples are clipped, as on black film, the usual scatter is nearly 0."""
 _MOST_PATCHES = 200
-"""For the correlation of residuals."""
+"""Largest number of patches from which the correlation of residuals is estimated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,7 +26,7 @@ class Template:
 
     value (channels, m)
     sigma (channels, m): Scatter of each sample about it, robust.
-    used (m,): Samples that count.
+    used (m,): Mask of the samples that are fitted.
     """
 
     value: FloatArray
@@ -34,14 +34,14 @@ class Template:
     used: BoolArray
 
     def flat(self, picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The samples that count, of all channels; shape (..., channels * used)."""
+        """The used samples of all channels; shape (..., channels * used)."""
         chosen = picture[..., self.used]
         return chosen.reshape(*chosen.shape[:-2], -1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Nuisance:
-    """Ways in which parts differ that are no shift: pictures (k, channels, m), and how strong each is among parts, (k,)."""
+    """Nuisance modes, in which parts differ other than by a shift: pictures (k, channels, m), and their prior sigmas (k,)."""
 
     pictures: FloatArray
     sigma: FloatArray
@@ -54,7 +54,7 @@ class Step:
     move (n, 3): Along a, along b (mm), and the turn (rad), in the patch's axes; 0 turn where it was not asked for.
     sigma_mm (n, 2): Of the place along a and b, from the residuals of the patch, correlation of neighbouring samples taken into
         account.
-    misfit (n,): Root mean square of what is left, in units of each sample's scatter.
+    misfit (n,): Root mean square residual, in units of each sample's scatter.
     gain (n,): Contrast of the patch in units of the template's.
     nuisance (k,): Strength of each nuisance among the patches.
     scatter (channels, m): Robust scatter of each sample about the fit, to weigh the next fit by.
@@ -86,7 +86,7 @@ def _not_too_small(sigma: npt.NDArray[Any], used: BoolArray) -> npt.NDArray[Any]
 def step(
     channels: Samples, template: Template, grid: PatchGrid, *, turns: bool, robust: bool = True, nuisance: Nuisance | None = None
 ) -> Step:
-    """Move, turn, gain and offset (of each channel) by which a patch differs from the template.
+    """Shift, turn, gain and offset (of each channel) of every patch relative to the template, by one step.
 
     A part that lies at e of where its patch was taken is seen as P(x) = T(x - e), to first order T - e . grad T.
 
@@ -165,7 +165,7 @@ def gradients(pictures: FloatArray, grid: PatchGrid) -> tuple[FloatArray, FloatA
 
 
 def _correlated_samples(left: FloatArray, template: Template, grid: PatchGrid, count: int) -> float:
-    """How many samples say the same: from the correlation of residuals with their neighbours along both axes."""
+    """Number of samples per independent one, from the correlation of residuals with their neighbours along both axes."""
     some = left[:: max(1, len(left) // _MOST_PATCHES)]
     full = np.zeros((len(some), count, grid.count), dtype=np.float32)
     full[..., template.used] = np.clip(some, -4, 4).reshape(len(some), count, -1)

@@ -1,4 +1,4 @@
-"""Places in a scan where something lies on the film, found without knowing where to look: centres of lands with their parts."""
+"""Blob detection in a scan without a warp: centres of lands with their parts."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from tactape_fab.texture.frames import FloatArray
 
 COARSE_PX_PER_MM = 10.0
 _FILM_WINDOW_MM = 2.5
-"""Less than half of a window this wide is part or land, so that its median is film."""
+"""Side of the median filter: parts and lands cover less than half of it, so that the median is film."""
 _LEVEL = 24.0
-"""Difference from the film that counts as something, of 255; more does not count for more."""
+"""Difference from the film, of 255, at which a pixel counts as part or land; larger differences are clipped to it."""
 _LEAST_SHARE = 0.35
 
 
@@ -27,10 +27,10 @@ class Blobs:
 
 
 def find_blobs(picture: Picture, px_per_mm: float, width_mm: float) -> Blobs:
-    """Local maxima of what differs from the film around, smoothed to the size of a part.
+    """Local maxima of the difference from the film around, smoothed to the size of a part.
 
     picture (h, w, 3)
-    px_per_mm: Nearly; of the scan.
+    px_per_mm: Approximate scale of the scan.
     width_mm: Length of a part.
     """
     cv2 = library("cv2", "inspecting a scan")
@@ -56,7 +56,7 @@ def find_blobs(picture: Picture, px_per_mm: float, width_mm: float) -> Blobs:
 
 
 def film_difference(picture: Picture, px_per_mm: float, coarse_px_per_mm: float) -> tuple[Samples, float]:
-    """Largest difference of any channel from the film around, in a smaller picture, and by how much that is smaller."""
+    """Largest difference of any channel from the film around, in a reduced picture, and the factor of the reduction."""
     cv2 = library("cv2", "inspecting a scan")
     shrink = min(1.0, coarse_px_per_mm / px_per_mm)
     small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)

@@ -1,4 +1,4 @@
-"""Places and turns of the bodies against the film."""
+"""Positions and rotations of the bodies relative to the film."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tactape_fab.texture.tape import Tape
 _LEARNINGS = 3
 _STEPS = 3
 _MARGIN_MM = 0.05
-"""Of film, land or solder around a body that its patch shows."""
+"""Margin of film, land or solder around a body in its patch."""
 _MOST_LEARNED = 400
 """Parts, evenly chosen, that the template is learned from."""
 _CENTRE_MARGIN_MM = 0.07
 _MOST_SHADOW_MM = 0.003
-"""Most that a shadow moves a body across it: 1.7 um in drawn scans. A colour that says more sees something else."""
+"""Largest shift across a body that is taken for a shadow's, which is 1.7 um in drawn scans; a larger one has another cause."""
 _LEAST_PX_PER_MM = 40.0
 """Samples of a template: an edge of a scan at 600 dpi that is sampled at its pixels alone lies in a whole pixel."""
 _USUAL = 0.5
@@ -33,7 +33,7 @@ _END_MM = 0.02
 """Scatter of the length of a part's metal ends that the fit starts from; the scan then says how much it is."""
 _LEAST_END_MM = 0.001
 _BRIGHTER = 1.0
-"""Scatter of the brightness of metal and solder, in units of the film's: whatever it is, it says nothing of a place."""
+"""Prior sigma of the brightness of metal and solder, in units of the film's: wide, as brightness does not tell a position."""
 _TURNS_DEG = np.arange(-90.0, 90.0, 15.0)
 _SAME_TURN_DEG = 15.0
 _POOR, _BETTER, _VERY_POOR = 1.4, 0.45, 2.5
@@ -106,17 +106,17 @@ class _State:
         )
 
     def put(self, chosen: IntArray, fitted: _State) -> None:
-        """Enter what was fitted of some."""
+        """Enter the fit of the chosen parts."""
         self.shift_mm[chosen], self.turn_deg[chosen] = fitted.shift_mm, fitted.turn_deg
         self.sigma_mm[chosen], self.misfit[chosen] = fitted.sigma_mm, fitted.misfit
 
 
 def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> Bodies:
-    """Fit every body: first the centroid of what has its colour, then a template that is learned from all of them.
+    """Fit every body: first the centroid of its colour, then a template that is learned from all bodies.
 
     picture (h, w, 3)
-    warp: That the lands say.
-    sites_mm (n, 2): Nominal places, all whole in the picture.
+    warp: Fitted to the lands.
+    sites_mm (n, 2): Nominal positions, all whole in the picture.
     """
     start_mm, area = _centroids(picture, warp, tape, palette, sites_mm)
     n, usual = len(sites_mm), area > _USUAL
@@ -218,7 +218,7 @@ def _moved(
 
 
 def _along(tape: Tape, turn_deg: FloatArray, a_mm: FloatArray, b_mm: FloatArray) -> FloatArray:
-    """Shifts along and across parts, in the board frame; (n, 2)."""
+    """Shifts given along and across parts, converted to the board frame; (n, 2)."""
     angle = np.radians(tape.part.rotation_deg + turn_deg)
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * a_mm - s * b_mm, s * a_mm + c * b_mm], axis=1)
@@ -256,7 +256,7 @@ def _all_turns(
     ends: Nuisance,
     usual: float,
 ) -> _State:
-    """Parts that do not look like the others are tried in all turns; the best fit stays where it is better without doubt."""
+    """Fit poor parts in all turns, and keep another turn where its fit is clearly better."""
     # turn by turn, all poor parts in each
     every = np.tile(poor, len(_TURNS_DEG))
     tried = replace(start.of(every), turn_deg=np.repeat(_TURNS_DEG, len(poor)))
@@ -276,7 +276,7 @@ def _all_turns(
 
 
 def _channels(samples: Samples, palette: Palette) -> Samples:
-    """(n, 2, m): how much each sample is body, and its brightness."""
+    """Body-ness and brightness of the samples; (n, 2, m)."""
     return np.stack([palette.bodyness(samples), np.minimum(palette.grey(samples), 2.2)], axis=1)
 
 
@@ -302,7 +302,7 @@ def _ends(template: Template, grid: PatchGrid, tape: Tape) -> FloatArray:
 
 
 def _rise(distance_mm: FloatArray) -> FloatArray:
-    """A step as optics shows it."""
+    """A unit step blurred by the optics, at distances from it."""
     return 0.5 * (1.0 + np.tanh(distance_mm / 0.025))
 
 

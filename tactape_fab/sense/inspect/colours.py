@@ -41,7 +41,7 @@ class Palette:
     body_axis: FloatArray
 
     def bodyness(self, samples: Samples) -> Samples:
-        """How much each sample is body: 1, and 0 on film and metal; cut to -0.2 ... 1.2."""
+        """Body-ness of the samples: 1 on bodies, 0 on film and metal; clipped to -0.2 ... 1.2."""
         axis = self.body_axis.astype(np.float32)
         return np.asarray(np.clip(samples @ axis[:3] + axis[3], -0.2, 1.2), dtype=np.float32)
 

@@ -33,7 +33,7 @@ _CENTRINGS = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmFit:
-    """The warp that the lands say; ``sigma_mm`` is what is left of them about it, along each axis, robust."""
+    """The warp fitted to the lands; ``sigma_mm`` is the robust scatter of their residuals along each axis."""
 
     warp: Warp
     sigma_mm: float
@@ -90,7 +90,7 @@ def _channel(samples: Samples, palette: Palette) -> Samples:
 
 
 def _moved(warp: Warp, board_mm: FloatArray, moved_mm: FloatArray) -> FloatArray:
-    """Pixels at which points are seen that lie `moved_mm` from where the warp has them."""
+    """Pixels of points that are displaced from the warp's by `moved_mm`."""
     return warp.to_px(board_mm) + (warp.jacobian(board_mm) @ moved_mm[..., None])[..., 0]
 
 
@@ -104,7 +104,7 @@ def shifted(warp: Warp, offset_mm: FloatArray, axes: FloatArray) -> Warp:
 
 
 def refined(warp: Warp, board_mm: FloatArray, seen_px: FloatArray) -> tuple[Warp, FloatArray]:
-    """The polynomial, then shifts of lines and of columns, of points seen at pixels; also what is left, px, (n, 2)."""
+    """The warp refitted to points seen at pixels: polynomial, then shifts of lines and columns; and residuals, px, (n, 2)."""
     gate = 0.1 * warp.px_per_mm
     bare = replace(warp, lines=())
     # polynomial first: what is smooth over the whole scan is no jitter of lines

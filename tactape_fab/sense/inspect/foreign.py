@@ -22,7 +22,7 @@ _FIELD_MM = 0.5
 _SHADOW_MM = 0.12
 """Width that a body and its shadow cover around it."""
 _LAND = (1.30, 1.35)
-"""Half of what a part with its lands and opening may cover, in units of the body's length and width."""
+"""Half the size of the box that a part with its lands and opening may cover, over the body's length and width."""
 
 
 def find_foreign(

@@ -1,4 +1,4 @@
-"""Incoming inspection: from scans and a kit to the places of every part."""
+"""Incoming inspection: from scans and a kit to the positions of all parts."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
 
 
 def _end_difference(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> FloatArray:
-    """How differently both ends of a place look, apart from their mean brightness."""
+    """Difference between both ends of a part's patch, apart from their mean brightness, in units of the film's; (n,)."""
     length, width, _ = tape.part.body_mm
     grid = patch_grid(1.1 * length, width, warp.px_per_mm)
     grey = palette.grey(sample(picture, warp, sites_mm, tape.part.rotation_deg, grid)).reshape(-1, *grid.shape)
@@ -242,7 +242,7 @@ def _facts(view: View, warp: Warp, film_sigma_mm: float, growth: float | None) -
 
 
 def _refuse_copies(tape: Tape, measured: Sequence[_Measured]) -> None:
-    """Refuse scans of which two show the parts elsewhere, whatever shift all have: their means would be places of no tape."""
+    """Refuse scans of different copies: positions of parts differ beyond a common shift, and their means would be of no tape."""
     for one, other in combinations(measured, 2):
         both = np.flatnonzero(one.view.inside & other.view.inside)
         a, b = (np.searchsorted(np.flatnonzero(m.view.inside), both) for m in (one, other))

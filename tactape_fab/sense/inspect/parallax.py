@@ -11,14 +11,14 @@ from tactape_fab.sense.inspect.warp import Warp
 from tactape_fab.texture.frames import BoolArray, FloatArray
 
 BEND_MM = 0.025
-"""Bend of a warp from which on the image is a photograph: what is left of a scanner's is a few micrometres."""
+"""Least bend of a warp for which an image counts as a photograph: a scanner's residual is a few micrometres."""
 _ROUNDS = 5
 
 
 def bend_mm(warp: Warp, sites_mm: FloatArray) -> float:
-    """Largest distance of a warp, at some places, from the nearest one that a scanner has.
+    """Largest distance of a warp, at some places, from the nearest warp of a scanner.
 
-    That is an affine one, and a shift of its lines: a scanner's carriage goes unevenly along one axis of the image.
+    A scanner's warp is affine with a shift of each line: its carriage moves unevenly along one axis of the image.
     """
     px = warp.smooth(sites_mm)
     line = (px - px.mean(axis=0)) / np.ptp(px, axis=0)

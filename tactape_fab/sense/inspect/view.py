@@ -1,4 +1,4 @@
-"""One scan: which tapes it shows, and where; and why it is none of those that were asked for."""
+"""One scan: which tapes it shows, and where; or why it shows none of the wanted ones."""
 
 from __future__ import annotations
 

@@ -26,14 +26,14 @@ class LineShift:
     value_px: FloatArray
 
     def weights(self, at_px: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
-        """The knot before each coordinate, and the share of the next."""
+        """Index of the knot before each coordinate, and the weight of the next knot."""
         # just below the last knot, so that there is always a next one; beyond the ends the shift stays
         t = np.clip((at_px - self.start_px) / self.step_px, 0.0, len(self.value_px) - 1.000001)
         knot = t.astype(np.int64)
         return knot, t - knot
 
     def of_pixels(self, count: int) -> npt.NDArray[np.float32]:
-        """The shift at each pixel from 0 on, for the many samples of patches: half a pixel on, it differs by a hundredth."""
+        """The shift at pixels 0 to count - 1, a table for patches with many samples: half a pixel away it differs by 0.01 px."""
         before, share = self.weights(np.arange(count, dtype=np.float64))
         value = self.value_px
         return np.asarray(value[before] * (1 - share[:, None]) + value[before + 1] * share[:, None], dtype=np.float32)
@@ -48,7 +48,7 @@ class Warp:
     """Board points (mm) to pixels of one scan.
 
     middle_mm (2,)
-    half_mm: Board points are made dimensionless by both.
+    half_mm: Powers are those of (board point - middle) / half.
     order: 1 affine, 2 and 3 for what a camera adds.
     coefficients (k, 2): Of 1, x, y, x^2, x y, ...
     """

@@ -1,4 +1,4 @@
-"""Colour images from a camera, or from a film of one."""
+"""Colour images from a camera, or from a video file of one."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def camera_source(
     opened: Callable[[Path], Any] | None = None,
     clock: Callable[[], float] = time,
 ) -> Iterator[Frame | Trouble]:
-    """Source of a camera's images; they were taken when the driver says so, or where it does not, when they were grabbed.
+    """Source of a camera's images; their timestamp is the driver's, or the time of the grab if the driver has none.
 
     path: Such as /dev/video0.
     size: Height and width that images are to have, px: the camera is asked for them, and what `crop` cuts out is scaled to them.
@@ -106,7 +106,7 @@ def camera_named(name: str, devices: Path = _DEVICES) -> Path:
 def film_source(
     stop: Event, path: Path, size: tuple[int, int], crop: Crop | None = None, *, rate_hz: float | None = None, keep: bool
 ) -> Iterator[Frame | Trouble]:
-    """Source of a film's images, at its own rate or another; an infinite one drops none. They were taken at the film's times."""
+    """Source of a video file's images, at its own rate or another; an infinite one drops none. Timestamps are the file's."""
     cv2 = library("cv2", "reading a camera")
 
     keep = keep or rate_hz == float("inf")
@@ -141,7 +141,7 @@ def _camera(path: Path) -> Any:
 
 
 def _taken_s(capture: Any, clock: Callable[[], float]) -> float:
-    """When the driver got the image that was grabbed; now, where it does not say so by the clock that V4L2 has.
+    """Time at which the driver received the grabbed image, s; the present time if it gives none by V4L2's monotonic clock.
 
     OpenCV hands the time of the buffer on as its position; uvcvideo takes it of the monotonic clock.
     """
@@ -155,7 +155,7 @@ def _taken_s(capture: Any, clock: Callable[[], float]) -> float:
 def _frame(
     number: int, image: npt.NDArray[Any], size: tuple[int, int], crop: Crop | None, stamp: float, keep: bool
 ) -> Frame | Trouble:
-    """The part of an image that a sensor's frames show, at their size; a trouble where the image does not hold it."""
+    """The cropped image, scaled to the size of the sensor's frames; a trouble if the crop lies outside the image."""
     cv2 = library("cv2", "reading a camera")
 
     if crop is not None:

@@ -29,7 +29,7 @@ class Latencies:
         self.count += 1
 
     def percentile_ms(self, percent: float) -> float:
-        """The least time that so many percent do not exceed (upper edge of its bin); NaN if there is none."""
+        """Percentile of the times (upper edge of its bin), ms; NaN without any."""
         if self.count == 0:
             return float("nan")
         place = int(np.searchsorted(np.cumsum(self._bins), percent / 100.0 * self.count))
@@ -39,10 +39,10 @@ class Latencies:
 class Tally:
     """Counts of one run.
 
-    answered, located, unusable, dropped: Frames with an answer, those of them that are located, those that are none of the
-        sensor, and those that a later one took the place of.
-    latencies: From a frame's arrival, whole, to the end of all that is done with its answer, ms.
-    troubles: How often each kind of trouble came.
+    answered, located, unusable, dropped: Frames with an answer; those of them that are located; those that are not of the sensor;
+        those that a later frame replaced.
+    latencies: From the arrival of the whole frame to the end of all processing of its answer, ms.
+    troubles: Number of troubles of each kind.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Tally:
         self.latencies.add(1000.0 * (now_s - arrived_s))
 
     def trouble(self, trouble: Trouble) -> None:
-        """Count a trouble; the first of its kind is to be said."""
+        """Count a trouble; the first of its kind is kept for `unsaid`."""
         count = self.troubles.get(trouble.kind, 0)
         self.troubles[trouble.kind] = count + 1
         if count == 0:
@@ -82,7 +82,7 @@ class Tally:
 
     @property
     def hz(self) -> float:
-        """Answers in a second, over the last of them."""
+        """Rate of the latest answers, Hz."""
         span_s = self._recent[-1] - self._recent[0] if len(self._recent) > 1 else 0.0
         return (len(self._recent) - 1) / span_s if span_s > 0 else 0.0
 

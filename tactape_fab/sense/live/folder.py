@@ -25,11 +25,11 @@ PATIENCE_S = 2.0
 
 _POLL_S = 0.005
 _SHARE = 5.0
-"""Waiting between two looks takes this many times as long as the looking: ten thousand files take a moment to list."""
+"""The pause between two listings is so many times as long as a listing, which takes a moment with ten thousand files."""
 _LIST_S = 0.25
-"""Longest time between two listings, for file systems that do not tell of a new file by the folder's time."""
+"""Longest time between two listings, for file systems that do not change the folder's time when a file is added."""
 _TICK_S = 0.05
-"""A folder's time may stay the same for so long though files come."""
+"""A folder's time may stay the same for so long after a file is added."""
 _ENDINGS = {".png": (b"IEND\xaeB`\x82", 8), ".jpg": (b"\xff\xd9", 64), ".jpeg": (b"\xff\xd9", 64)}
 """End marks of complete images (PNG, 11.2.5; ITU-T T.81, B.1.1.3); OpenCV decodes the top of a truncated file."""
 _SETTLED_S = 0.1
@@ -38,7 +38,7 @@ _SETTLED_S = 0.1
 
 @dataclass(slots=True, kw_only=True)
 class _Waiting:
-    """A file that is not taken yet: as it was when last tried, since when, what was wrong; frames already taken of it."""
+    """A file that is not fully read yet: its state at the last try, since when, what was wrong, and its frames read so far."""
 
     seen: tuple[int, int] = (-1, -1)
     since_s: float = 0.0

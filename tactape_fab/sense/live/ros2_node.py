@@ -27,7 +27,7 @@ _NS = 1_000_000_000
 _DIAGNOSED_S, _PATIENCE_S = 1.0, 0.1
 _UNUSABLE = "image unusable"
 _MOST_STAMPS = 10_000
-"""Images whose stamps are kept: one that cannot be used, of another size, gets no answer, and a sensor may send nothing else."""
+"""Largest number of stamps kept: unusable images get no answer that would remove theirs, and a sensor may send nothing else."""
 _OK, _WARN, _STALE = b"\x00", b"\x01", b"\x03"
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 PARAMETERS: Mapping[str, Any] = {
@@ -146,7 +146,7 @@ class _Served:
         self._thread.join()
 
     def _take(self, image: Any) -> None:
-        """Of an image as it comes: leave it to the other thread."""
+        """Subscription callback: hand the image to the locating thread."""
         number, self._number = self._number, self._number + 1
         stamp = image.header.stamp.sec * _NS + image.header.stamp.nanosec
         age_s = (self._node.get_clock().now().nanoseconds - stamp) / _NS

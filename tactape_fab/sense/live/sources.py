@@ -1,4 +1,4 @@
-"""Frames and troubles of a source, and the one-frame buffer between the reading and the locating thread."""
+"""Frames and troubles of a source, and the one-frame buffer between its reader's thread and the locating thread."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trouble:
-    """Something that is no frame, or a frame that something is wrong with: its kind, and the sentence for the user."""
+    """An unusable frame, or anything else that is no frame: its kind, and the message for the user."""
 
     kind: str
     message: str
@@ -52,7 +52,7 @@ P = ParamSpec("P")
 
 
 def as_source(read: Callable[Concatenate[Event, P], Iterator[Frame | Trouble]]) -> Callable[P, Source]:
-    """Decorator of a source's reading: called without the event, its first argument, it gives the source."""
+    """Decorator of a generator whose first argument is the stop event: called with the other arguments it returns a `Source`."""
 
     @wraps(read)
     def source(*args: P.args, **named: P.kwargs) -> Source:
@@ -62,7 +62,7 @@ def as_source(read: Callable[Concatenate[Event, P], Iterator[Frame | Trouble]]) 
 
 
 class Slot:
-    """Room for one frame. A later one takes its place: who locates is never behind by more than that frame.
+    """One-frame buffer: a later frame replaces one that was not taken, so that locating never lags by more than one frame.
 
     Slots that are waited for together share a condition.
     """
@@ -75,7 +75,7 @@ class Slot:
         self._error: BaseException | None = None
 
     def put(self, frame: Frame, stop: Event) -> None:
-        """Leave a frame; one that is to be kept waits until the one before it is taken, or `stop` is set."""
+        """Put a frame; one with `keep` waits until the one before it is taken, or `stop` is set."""
         with self._changed:
             # a frame that is to be kept neither takes a place nor gives its own up
             while self._frame is not None and (frame.keep or self._frame.keep) and not stop.is_set():
@@ -105,7 +105,7 @@ class Slot:
 
 
 def take_next(slots: Sequence[Slot], changed: Condition, first: int, timeout_s: float) -> tuple[int, Frame] | None:
-    """The frame of the first slot from `first` on, round and round, that has one, and its index; None when none came in time.
+    """Index and frame of the first slot with a frame, in cyclic order from `first`; None when none came in time.
 
     Raises EOFError when nothing more will come in any of them; of sources that failed the error of the first instead.
     """

@@ -71,7 +71,7 @@ def stream_source(
 
 
 class _Bytes:
-    """A stream to read whole pieces from, whatever pieces it comes in."""
+    """Buffer over a stream, for reads of a given size."""
 
     def __init__(self, stream: Readable) -> None:
         self._stream = stream
@@ -104,11 +104,11 @@ class _Bytes:
         return self.read(min(size, len(self._ahead)) if at < 0 else at)
 
     def comes(self, mark: bytes) -> bool:
-        """Whether a mark that `read_to` stopped at comes next."""
+        """Whether the next bytes are the mark."""
         return self._ahead.startswith(mark)
 
     def give_back(self, data: bytes) -> None:
-        """Put bytes before those that come next."""
+        """Put bytes back, to be read next."""
         self._ahead[:0] = data
 
     def skip_to(self, mark: bytes) -> int:

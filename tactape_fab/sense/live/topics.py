@@ -21,7 +21,7 @@ def topic_of(topic: str, sensor: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Naming:
-    """Frames of poses and of depth images, None for the usual ones (see `messages`); object in whose frame answers come, too."""
+    """Frame ids of poses and depth images, None for the defaults (see `messages`); object in whose frame answers come, too."""
 
     frame_id: str | None = None
     sensor_frame: str | None = None

@@ -1,4 +1,4 @@
-"""Frames as they come -> answers: one thread reads, this one locates, and what comes meanwhile but the latest is dropped."""
+"""Live frames -> answers: one thread reads, this one locates; of frames that come meanwhile all but the latest are dropped."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Watch:
 
     job: Tapes, sensor and settings; it has no files.
     reconstruction: Makes depth maps of the source's colour images.
-    locator: Makes what locates a sensor's frames.
+    locator: Builds the function that locates a sensor's frames.
     """
 
     job: Job

@@ -256,14 +256,14 @@ def _residual(
 
 
 def _first(seen: _Seen, translation_mm: FloatArray) -> FloatArray:
-    """Values of `_residual` to start from."""
+    """Initial values for `_residual`."""
     return np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])
 
 
 def _fit_at(
     seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray, *, of_cells: bool = False
 ) -> float:
-    """Correlation of the picture with the printed tag at a pose as it is; ``of_cells``: within the black border alone."""
+    """Correlation of the picture with the printed tag at a given pose; ``of_cells``: only within the black border."""
     shape = _residual(seen, tag_id, cell_mm, rotation, _first(seen, translation_mm))[1]
     half_mm = (CODE_CELLS - 2) / 2 * cell_mm
     used = (np.abs(_hits(seen, rotation, translation_mm)) < half_mm).all(axis=1) if of_cells else np.s_[:]
@@ -276,14 +276,14 @@ def _correlation(levels: FloatArray, shape: FloatArray) -> float:
 
 
 def _hits(seen: _Seen, rotation: FloatArray, translation_mm: FloatArray) -> FloatArray:
-    """Where pixels see the tag's plane, mm from its centre (n, 2)."""
+    """Intersections of the pixels' rays with the tag's plane, mm from its centre (n, 2)."""
     # rays in the tag's frame: X = R^T (s ray - t), which meets z = 0 at s = -start_z / ahead_z
     ahead, start = seen.rays @ rotation, -rotation.T @ translation_mm
     return np.asarray(start[:2] - (start[2] / ahead[:, 2])[:, None] * ahead[:, :2])
 
 
 def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> TagPose:
-    """Least squares by Levenberg and Marquardt, from one start."""
+    """The pose by Levenberg-Marquardt from one start."""
     cv2 = library("cv2", "fitting a tag to a picture")
 
     # steps of differences, and the unit of `step`: mrad, 1e-4 of the distance, ln of the blur, cells

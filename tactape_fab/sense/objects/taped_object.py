@@ -221,7 +221,7 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
 
 
 def _read_pose(table: Fields, given: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and position by the CAD's values."""
+    """Rotation matrix and position, mm, from a table with the values of the CAD."""
     turn, position = np.eye(3), np.zeros(3)
     if "rpy_deg" in given:
         turn = from_rpy(table.numbers("rpy_deg", 3, low=-360.0, high=360.0, unit="deg", default=(0.0, 0.0, 0.0)))

@@ -101,7 +101,7 @@ def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
 
 
 def by_number(name: str) -> list[tuple[int, str]]:
-    """A name as what sorts by the value of the numbers in it."""
+    """Sort key of a name that orders numbers in it by value."""
     parts = _NUMBERS.split(name)
     # odd parts are numbers without leading zeros: of those the longer is the larger, and of two as long the one that sorts later
     return [(len(part) * (i % 2), part) for i, part in enumerate(parts)]

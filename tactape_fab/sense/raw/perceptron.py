@@ -10,12 +10,12 @@ from tactape_fab.base.jit import inner_kernel, making_kernel
 Floats = npt.NDArray[np.float32]
 
 BLOCK = 256
-"""Pixels that go through all layers together: what lies between two layers stays in the cache."""
+"""Pixels that go through all layers together, so that the values between two layers stay in the cache."""
 
 
 @inner_kernel(fastmath=True)
 def _layer(inputs: Floats, outputs: Floats, weight: Floats, bias: Floats, n_in: int, n_out: int, rectified: bool) -> None:
-    """Outputs = weight @ inputs + bias, four by four; rectified: what is negative becomes zero."""
+    """Fill in outputs = weight @ inputs + bias, four neurons at a time; `rectified` clips negative ones to 0."""
     for j in range(0, n_out, 4):
         out0, out1, out2, out3 = outputs[j], outputs[j + 1], outputs[j + 2], outputs[j + 3]
         b0, b1, b2, b3 = bias[j], bias[j + 1], bias[j + 2], bias[j + 3]

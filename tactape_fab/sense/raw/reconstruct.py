@@ -31,7 +31,7 @@ INPUTS, OUTPUTS = 5, 2
 MOST_LAYERS = 8
 MOST_WIDTH = 256
 STEEPEST_RAD = np.float32(1.4)
-"""Angles beyond it are noise: no gel is as steep as 80 degrees, and a tangent has no end."""
+"""Angles are clipped to this: no gel is as steep as 80 degrees, and the tangent diverges at 90."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,7 +111,7 @@ def make_network(layers: Sequence[tuple[Floats, Floats]]) -> Network:
 
 
 def slopes_of(image: Image, network: Network) -> Floats:
-    """Slopes of the surface that an image shows, along u and along v; shape (2, h, w), the untouched gel's not taken off."""
+    """Slopes along u and v from an image; shape (2, h, w), without subtraction of the untouched gel's."""
     plain = np.require(image, np.uint8, ("C", "A", "W"))  # one that may not be written would be compiled for anew
     angles = of_pixels(plain, network.weights, network.biases, network.widths)
     np.clip(angles, -STEEPEST_RAD, STEEPEST_RAD, out=angles)
@@ -119,10 +119,10 @@ def slopes_of(image: Image, network: Network) -> Floats:
 
 
 def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
-    """The surface, mean zero, whose steps from pixel to pixel are nearest to its slopes in the sum of squares.
+    """The least-squares surface of mean zero for given slopes.
 
-    Half the slopes of two neighbours each are the step between them. The normal equations are Poisson's with Neumann's
-    boundary, which a cosine transform makes diagonal (Strang, "The discrete cosine transform", SIAM Review 41, 1999).
+    The step between two pixels is the mean of their slopes. The normal equations are Poisson's with Neumann's boundary, which
+    a cosine transform makes diagonal (Strang, "The discrete cosine transform", SIAM Review 41, 1999).
 
     slopes (2, h, w): mm per mm along u and along v.
     px_per_mm: Along u and along v.

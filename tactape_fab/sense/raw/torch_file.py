@@ -42,7 +42,7 @@ _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Name:
-    """A name that the pickle looks up; it stays a name."""
+    """A global that the pickle names; it is not imported."""
 
     text: str
 

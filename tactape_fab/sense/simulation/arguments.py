@@ -20,7 +20,7 @@ from tactape_fab.texture.tape import refuse_no_tape
 def profile_and_scene(
     tape: object, sensor: object, scene: object, options: Mapping[str, Any] | None = None
 ) -> tuple[SensorProfile, Scene]:
-    """The profile and the scene that are meant. Raises SpecError with what is wrong with them or the tape, all together."""
+    """The sensor profile and the scene of a caller's arguments. Raises SpecError with every problem of them and of the tape."""
     problems: list[Problem] = []
     tried(lambda: refuse_no_tape(tape), problems)
     profile = tried(lambda: as_sensor(sensor), problems)
@@ -31,7 +31,7 @@ def profile_and_scene(
 
 
 def edge_problems(edge: object, poses: object, name: str = "poses") -> list[Problem]:
-    """Problems of `edge`: it is no flag, or there are poses, by a name, that it would spread; None: none are given."""
+    """Problems of `edge`: it is no bool, or `poses` are given too, which `name` names in the message."""
     table = Fields({"edge": edge})
     if table.flag("edge") and poses is not None:
         table.problem("edge", f"edge = True spreads poses, and poses are given; leave it out, or {name}")

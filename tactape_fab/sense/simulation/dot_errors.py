@@ -26,7 +26,7 @@ NOT_A_PART = -1
 class DotErrors:
     """Errors of a detector. The defaults are those of maxima of a band-pass (Gaussian 2 px, mean 25 px), default scene.
 
-    sigma_px: Standard deviation per axis of a centre whose part is fully imprinted.
+    sigma_px: Standard deviation per axis of the centre of a fully imprinted part.
     rim_sigma_px: Increase of it towards the rim, times 1 - imprint.
     rim_pull_px: Displacement of centres inwards at the rim, where one side of a part is imprinted less than the other, times (1 -
         imprint) ** 0.75.

@@ -1,4 +1,4 @@
-"""A tape in an elastic gel: the rigid surface that it is, the gel's surface over it, and the depth map that is measured of it.
+"""A tape in an elastic gel: the tape's rigid surface, the deformed surface of the gel, and the measured depth map.
 
 The sensor looks along its axis, without perspective. Where the tape is tilted or curved, the texture's plane is that of the
 parts' tops: the image centre sees the texture point S there, and parts are where their tops are seen.
@@ -27,13 +27,13 @@ _EDGE_MM = 0.03
 _TERRACES = 3
 """Steps that the rounding of an edge is drawn with; it is half a pixel wide."""
 _COVERED = 2 / 3
-"""A pixel so far covered by a part holds the gel up as one that is covered fully: depths over a tape are then within 3 % of those
-at 128 px/mm, where mean heights of pixels are within 7 % (0201 at 16 px/mm, 0.3 to 4 N)."""
+"""A pixel counts as fully covered by a part from this share of its area on: depths over a tape are then within 3 % of those at
+128 px/mm, and within 7 % with mean heights of pixels (0201 at 16 px/mm, 0.3 to 4 N)."""
 _QUANTUM_MM = np.float32(2.0**-20)
 """Depth is rounded to this, 1 nm, as Fourier transforms may differ in their last bits."""
 _DEEPEST_MM = 100.0
 THICKNESS_MM, MODULUS_KPA = 4.0, 275.0
-"""Gel where neither the contact nor the sensor's profile says it: those of a GelSight Mini, about."""
+"""Thickness and Young's modulus if neither the contact nor the sensor's profile gives them: about those of a GelSight Mini."""
 _MARKER_MM, _MARKER_PITCH_MM = 0.5, 2.0
 """Diameter and pitch of the dots that are printed on a dotted gel, mm."""
 
@@ -94,7 +94,7 @@ def imprint_of(
 
 
 def _layer(elastic: ElasticContact, gel: Gel) -> Layer:
-    """The gel, with a sensor's figures where the contact has none."""
+    """The layer of a contact; what it leaves open is the sensor's, or the default."""
     thickness_mm = elastic.thickness_mm or gel.thickness_mm or THICKNESS_MM
     return Layer(thickness_mm, (elastic.modulus_kpa or gel.modulus_kpa or MODULUS_KPA) / 1000, elastic.poisson)
 

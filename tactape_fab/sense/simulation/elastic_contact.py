@@ -1,4 +1,4 @@
-"""ElasticContact: how a tape is pressed into an elastic gel, and what its sensor makes of the gel's surface."""
+"""ElasticContact: how a tape is pressed into an elastic gel, and how the sensor measures the gel's surface."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class ElasticContact:
 
 _MOST_TILT_DEG = 20.0
 _OPEN = ("cylinder_radius_mm", "thickness_mm", "modulus_kpa", "slope_limit")
-"""What may be None: flat, as the sensor's profile says, and without a limit."""
+"""Attributes that may be None: flat, the sensor profile's values, no limit."""
 _NUMBERS = {
     "force_n": (0.01, 1000.0, "N"),
     "cylinder_radius_mm": (2.0, 1e6, "mm"),

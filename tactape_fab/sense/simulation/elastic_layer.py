@@ -23,7 +23,7 @@ _TOLERANCE = 3e-5
 """Change of pressure in a round, relative to the force, at which it ends."""
 _MOST_ROUNDS = 500
 _ENTRY = 0.3
-"""Share of the pressure that would lift an overlapping pixel alone, given to it on its entry into the contact."""
+"""Initial pressure of an overlapping pixel that enters the contact, over the pressure that would lift it alone."""
 
 
 class Layer(NamedTuple):
@@ -147,7 +147,7 @@ def press_rigid(shape_mm: FloatArray, force: float, of: Response, start_mpa: Flo
 
 
 def _stiffened(gap_mm: FloatArray, of: Response) -> FloatArray:
-    """The pressure that would close a gap if the layer were periodic and in contact everywhere: a preconditioner."""
+    """Preconditioner: the pressure that would close a gap if the layer were periodic and in contact everywhere."""
     return np.fft.irfft2(np.fft.rfft2(gap_mm) * of.stiffness, gap_mm.shape)
 
 

@@ -1,4 +1,4 @@
-"""Camera that a simulated sensor really has: that of its profile, with the scene's errors of scale, aspect, shear and lens."""
+"""True camera of a simulated sensor: that of its profile, with the scene's errors of scale, aspect, shear and distortion."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.frames import FloatArray
 
 _BORDER_POINTS = 33
-"""Points along each side of the image at which it is looked how far the field reaches: a lens bends the sides."""
+"""Points along each side of the image from which the size of the field is computed, as distortion bends the sides."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class TrueCamera:
         return self.camera.from_px(px) - self.middle_mm
 
     def offsets_px(self, in_view_mm: FloatArray, offsets_mm: FloatArray) -> FloatArray:
-        """Places of points beside others, from the others' places; (n, 2) and (n, k, 2) to (n, k, 2), px."""
+        """Offsets on the gel (n, k, 2) from points in view (n, 2), as offsets from the points' pixels; (n, k, 2), px."""
         if self.camera.k1 == 0.0:
             return offsets_mm @ self.camera.matrix.T
         return self.to_px(in_view_mm[:, None] + offsets_mm) - self.to_px(in_view_mm)[:, None]
@@ -86,7 +86,7 @@ def _made(
 
 
 def _is_straight(model: Camera) -> bool:
-    """Whether it is a scale along each axis and nothing else."""
+    """Whether the model is only a scale along each axis."""
     return model.k1 == 0.0 and float(model.matrix[0, 1]) == 0.0
 
 

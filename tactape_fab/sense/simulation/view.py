@@ -60,7 +60,7 @@ class View:
         return self.camera.from_px(px)
 
     def from_board(self, xy_mm: FloatArray) -> FloatArray:
-        """Board points in view; shape (..., 2), mm."""
+        """Board points converted to points in view; shape (..., 2), mm."""
         flat: FloatArray = (board_to_texture(xy_mm, self.tape.board.texture_origin_mm) - self.position_mm) @ self.turn
         height_mm = self.tape.part.body_mm[2]  # what the gel touches are the parts' tops
         if self.scene.elastic is not None:
@@ -68,7 +68,7 @@ class View:
         return bent(self.scene, flat, height_mm) if self.scene.contact == "strip" else flat
 
     def to_board(self, in_view_mm: FloatArray) -> FloatArray:
-        """Board points of points in view, for a flat board; shape (..., 2), mm."""
+        """Points in view converted to board points, for a flat board; shape (..., 2), mm."""
         return texture_to_board(self.position_mm + in_view_mm @ self.turn.T, self.tape.board.texture_origin_mm)
 
     def in_reach(self, parts: Parts, margin_mm: float) -> npt.NDArray[np.bool_]:
@@ -83,7 +83,7 @@ class View:
 def bent(scene: Scene, flat_mm: FloatArray, height_mm: float, across_slope: float = 0.0) -> FloatArray:
     """Points of a tape wrapped about a strip's cylinder, or above them, seen from above; the image centre does not move.
 
-    across_slope: That of a tilt across the cylinder's axis: it moves the top line, and so where the film is seen foreshortened.
+    across_slope: Slope of a tilt across the cylinder's axis, which moves the top line and so the foreshortening of the film.
     """
     radius = scene.cylinder_radius_mm
     seen_radius = radius + height_mm

@@ -122,9 +122,9 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     """Tables of soft symbols.
 
     nodes (n, 2): From `fit.fit_grid`.
-    q (n, 4): From `fit.posteriors`.
-    signs (3 L,): From `signs_of`; none for tapes without a code plane, of which there are no lines then.
-    most: Largest contact, in cells; beyond it all tables but `size` are empty.
+    q (n, directions): From `fit.posteriors`.
+    signs (3 L,): From `signs_of`; empty for tapes without a code plane, and then there are no `lines`.
+    most: Largest contact, in cells; for a larger one all tables but `size` are empty.
     """
     n, length = len(q), len(signs) // 3
     cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3 if q.shape[1] == 4 else 4))

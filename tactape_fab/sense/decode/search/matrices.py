@@ -40,15 +40,16 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are not one contact."""
 _WORD = 64
 _PLANES, _MOST_COUNTED = 5, 30
-"""Binary digits of a count of wrong symbols, and dots that are counted: one more may be asked for."""
+"""Binary digits of a count of wrong symbols, and the most dots that are counted: a limit of one more must be representable."""
 _USUAL_LOSS = 30.0
-"""Loss of evidence (ln) up to which a place usually still matters: it decides how many dots are worth counting."""
+"""Loss of evidence (ln) up to which a place usually still matters, from which the number of dots to count is chosen."""
 _FEW_PLACES = 1e-5
 """Share of places left by chance from which on more dots are not worth counting."""
 _FIRST_LEAST = (0.0, -6.0, -12.0, -1e29)
-"""Weighted evidence (ln) from which on places are looked at to find the best one: no answer is below the first."""
+"""Thresholds of weighted evidence (ln), tried in turn, above which places are evaluated to find the best one: no answer is below
+the first."""
 _DEEPER = 2.0
-"""Places are counted at the bound that they are dropped by; it is set so much (ln) lower, so that they weigh even less."""
+"""The bound at which places are dropped and counted is set so much (ln) lower, so that they weigh even less."""
 _NEGLIGIBLE_TO_NONE = -4.0
 """`tally.NEGLIGIBLE` where the best place has no evidence: there is no answer, whatever the others weigh."""
 _EVIDENT = -1e29

@@ -16,7 +16,7 @@ from tactape_fab.texture.plane import PlaneCode
 START, ORIGIN, SECTOR = range(3)
 FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
 _WORTH_BOUNDS = 6
-"""Sites of a class from which on bounds are computed for it."""
+"""Least number of sites of a class for which bounds are computed."""
 
 Steps = npt.NDArray[np.uint16]
 _NONE_BARE = np.zeros((1, 1, 1), dtype=np.bool_)
@@ -27,7 +27,7 @@ class Starts(NamedTuple):
 
     place (2, n): `START` of each group of sites that are of one class and start at one column (row); zeros after the last.
     spans (k, 2, 2): First and last + 1 of these groups, of each class.
-    rank (n, 2): The group of each site.
+    rank (n, 2): The group of each site, for columns and rows.
     members (2, n): Sites, those of a group in ascending order.
     begin (2, n + 1): Where each group's members begin.
     """
@@ -44,9 +44,9 @@ class Sites(NamedTuple):
 
     signs (3 L,)
     phases (2, m): Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
-    steps (2, 2, m): Of columns and rows: their differences modulo L, from each to the next; and these times L and the next one's,
-        of both steps. Small and without a sign, which looking up by them is quickest with.
-    differences (2,): The least and the greatest step that the code has.
+    steps (2, 2, m): Of columns and rows: phase differences modulo L, from each to the next; and index L step + next step of both
+        steps in `Bounds.triples`. Small unsigned integers, which are the fastest indices.
+    differences (2,): Least and greatest step of the code.
     table (n, 3, 2): Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the
         plane modulo L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
     barred (k, 3): Site, ascending, u and v of sectors that may not lie where all others may.
@@ -180,7 +180,7 @@ def _layouts(placed: Iterable[BoolArray], size: IntArray) -> tuple[IntArray, Boo
 
 
 def _phases(code: PlaneCode, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
-    """Phases of all plane indices in some intervals, and where each interval starts among them."""
+    """Phases of all plane indices in the union of some intervals, and the index of each interval's start among them."""
     order = np.argsort(firsts, kind="stable")
     # the union of intervals: sorted by their beginnings, a piece ends where the next one begins beyond all ends so far
     low, high = firsts[order], np.maximum.accumulate((firsts + counts)[order])
