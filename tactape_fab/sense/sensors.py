@@ -208,7 +208,7 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
 
 def _examine_lens(profile: SensorProfile, table: Fields) -> None:
     """Report a barrel distortion that shows nothing at a pixel of the image, or too near to it for the way back."""
-    # a profile that a program made may have anything in its place, which is said already
+    # a profile that a program made may have values of any type here, which are already reported
     if table.problems or (k1 := profile.geometry.k1) >= 0.0:
         return
     h, w = profile.height_px, profile.width_px

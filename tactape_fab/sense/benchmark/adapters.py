@@ -24,9 +24,9 @@ from tactape_fab.texture.manifest import safe_path
 from tactape_fab.texture.tape import Tape
 
 Locate = Callable[[npt.NDArray[Any]], Any]
-"""From a frame as the file has it to what a method finds: the time of this counts."""
+"""Function from a frame of the file to a method's own result; its time is measured."""
 Say = Callable[[Any], Mapping[str, Any]]
-"""From that to the keys of an answer (see `answers.read_answers`)."""
+"""Function from that result to the keys of an answer (see `answers.read_answers`); its time is not measured."""
 _MOST_BYTES = 1 << 20
 
 

@@ -93,8 +93,7 @@ def problem_of(presses: Sequence[Press], sensor: SensorProfile, errors: Errors, 
     """An adjustment of presses from a profile; `free` says which of the camera's parameters are unknown, all unless said."""
     sigmas = CAMERA_SIGMAS * np.array([1.0, 1.0, 1.0, 1.0, sensor.width_px, sensor.width_px])
     prior = camera.parameters(sensor)
-    # the prior is of a camera without distortion at the profile's scale; what the profile has beyond that is where the search
-    # starts
+    # the prior is about a camera without distortion at the profile's scale; the profile's other parameters are initial values
     prior[1:] = 0.0
     free = np.ones(camera.COUNT, dtype=bool) if free is None else free
     return Problem(presses=presses, sensor=sensor, errors=errors, free=free, prior=prior, prior_sigmas=sigmas)
@@ -116,8 +115,8 @@ def expected(press: Press, seen: camera.Seen, push_mm: float, pose: FloatArray) 
     from_s = press.texture_mm - (x, y)
     # R(theta) of Eq. 12 of the paper, and its derivative; rows times R are R^T times columns
     turn, turned = np.array([[c, s], [-s, c]]), np.array([[-s, c], [-c, -s]])
-    # where the dot should be on the gel: its part, then what draws it; a dot at the rim is put back by `rim_mm` in what is
-    # expected
+    # expected position of the dot on the gel: its part's, then the shifts by neighbours and rim; `rim_mm`, the correction of a
+    # dot at the rim, is applied to the expected position
     at = from_s @ turn + push_mm * press.pushed - pull * press.pulled - press.rim_mm
     px, by_point, by_camera = seen.to_px(at)
     # pixels may be oblong
@@ -207,7 +206,7 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
         inner = b.T @ b
         inner[3, 3] += 1.0 / PULL_SIGMA**2
         alone.append(np.linalg.inv(inner))
-        # what the press says of the shared ones with its pose unknown: a^T a - a^T b (b^T b)^-1 b^T a
+        # the press's information on the shared unknowns, its pose marginalised: a^T a - a^T b (b^T b)^-1 b^T a
         gains.append(a.T @ b @ alone[-1])
         told.append(a.T @ a - gains[-1] @ b.T @ a)
         normal += told[-1]

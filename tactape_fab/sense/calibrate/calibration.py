@@ -181,7 +181,7 @@ def _adjusted(
     for _ in range(ROUNDS):
         presses, answers = located(images, tapes, sensor)
         refuse_few(presses, answers, whole, bad)
-        # dots amid others alone: what the rim draws alike in all presses would count as the lens'
+        # only surrounded dots: a shift by the rim that is the same in all presses would be taken for distortion
         kept, bundle, estimate = adjust([press.taken(press.amid) for press in presses], sensor)
         after = _corner_mm(bundle)
         if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
@@ -235,7 +235,7 @@ def _free(bundle: Bundle) -> BoolArray:
 
 def _corner_mm(bundle: Bundle) -> FloatArray:
     sensor = bundle.sensor
-    # mm on the gel at the image's corners: what one parameter loses and another takes over does not show here
+    # mm on the gel at the image's corners: changes of parameters that compensate each other do not show here
     ends = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]) * (sensor.width_px - 1, sensor.height_px - 1)
     return sensor.camera.from_px(ends) - sensor.camera.from_px(sensor.centre_px)
 

@@ -66,7 +66,7 @@ class Seen:
         bend = bend + (2.0 * camera.k1 / camera.corner_px**2) * straight[:, :, None] * straight[:, None, :]
         by_point = bend @ camera.matrix
         by = np.zeros((len(at), 2, COUNT))
-        # first d s by the parameters of M: s itself by ln of the scale, which stretches both rows of M alike
+        # first d s by the parameters of M: by ln of the scale it is s itself, as the scale multiplies both rows of M
         by[:, :, 0] = straight
         by[:, 0, 1], by[:, 1, 1] = at[:, 0] * u_per_mm / 2.0, -at[:, 1] * v_per_mm / 2.0
         by[:, 0, 2] = at[:, 1] * u_per_mm

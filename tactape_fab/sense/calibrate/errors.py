@@ -117,7 +117,7 @@ def _errors_of(z: FloatArray) -> Errors:
     dot_mm = float(np.exp(z[0]))
     if len(z) == 1:
         return Errors(dot_mm=dot_mm)
-    # a gel moves 1 mm at most; a correlation shorter than the dots' pitch, or longer than the field, is not to be told
+    # a gel moves 1 mm at most; a correlation length below the dots' pitch, or beyond the field, is not observable
     correlation_mm = float(np.clip(np.exp(z[2]), *CORRELATIONS_MM))
     return Errors(dot_mm=dot_mm, gel_mm=float(np.exp(min(z[1], 0.0))), correlation_mm=correlation_mm)
 
@@ -149,10 +149,10 @@ def _minus_ln_likelihood(presses: Sequence[_Rows], errors: Errors, precision: Fl
     reduced = np.zeros((len(precision) + 1, len(precision) + 1))
     reduced[:-1, :-1] = precision
     for each in presses:
-        # LAPACK's own call: numpy's looks at what it is given for as long as it computes
+        # LAPACK called directly: numpy's checks take as long as the computation
         lower = dpotrf(covariance(each.press, errors, each.apart_mm2), lower=1, clean=0)[0]
         total += 4.0 * float(np.log(lower.diagonal()).sum())  # ln of both determinants
-        # rows are dots and axes, the last column is what is left
+        # rows are dots and axes, the last column holds the residuals
         white = dtrtrs(lower, each.columns, lower=1)[0].reshape(2 * len(lower), -1)
         products = white.T @ white
         factor, lean, failed = dposv(products[:count, :count] + own_precision, products[:count, count:], lower=1)

@@ -127,13 +127,13 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     z[OF_ALL : OF_ALL + bundle.poses.size] = bundle.poses.ravel()
     for _ in range(_ROUNDS):
         z, left, freedom, covariance = _Joint(bundle, presses, arm, np.array(which), origin, sigmas).solved(z)
-        # what arm and gel err by is told by the residuals themselves, kind by kind; then the weights are solved with anew. The
+        # errors of arm and gel are estimated from the residuals, kind by kind; then the problem is solved with new weights. The
         # mean of the variance's posterior, of what the unknowns leave of a kind: a t distribution's covariance
         sigmas = np.maximum(np.sqrt((left**2).sum(axis=0) / np.maximum(freedom - 2.0, 1.0)), LEAST_SIGMAS)
         rms = np.sqrt((left**2).mean(axis=0))
         if rms[:2].max() > 3.0 * MOST_LEFT_MM:  # other sizes of errors do not mend that
             break
-    # only of these do the presses say something; height and tilt are assumed
+    # presses observe only these; height and tilt are assumed
     if rms[:2].max() > MOST_LEFT_MM or rms[5] > MOST_LEFT_RAD:
         message = (
             f"poses of the flange do not fit the presses: {rms[:2].max():.2g} mm and {np.degrees(rms[5]):.2g} deg "
@@ -215,7 +215,7 @@ class _Joint:
         covariance = np.linalg.inv((derivative.T @ derivative).toarray())
         first, count = self.pattern[1].size - 1, 6 * len(self.which)
         arm = derivative[first : first + count].toarray()
-        # what the unknowns take of each row: the diagonal of J C J^T, 1 of a row that says only what they are
+        # leverage of each row, the diagonal of J C J^T: 1 for a row that the unknowns fit exactly
         taken = np.einsum("ij,jk,ik->i", arm, covariance, arm).reshape(-1, 6)
         left = self.arm_rows(at)[:count].reshape(-1, 6) * self.sigmas
         return at, left, (1.0 - taken).sum(axis=0), covariance[-12:, -12:]
@@ -275,7 +275,7 @@ def _drawn(sensor_to_flange: FloatArray, left: FloatArray, arm_rad: FloatArray) 
     share = 2.0 * float((arm_rad**2).mean()) / max(float((left[3:5] ** 2).sum()), 1e-18)
     reach_mm = abs(float(sensor_to_flange[:3, 2] @ sensor_to_flange[:3, 3]))
     drawn_mm = reach_mm * share / (1.0 - share) if share < MOST_SHARE else FAR_MM
-    # the sensor's z axis goes into the tape, the board's out of it: what one is too far, the other is, too
+    # the sensor's z axis goes into the tape, the board's out of it: both translations are off by the same amount
     along = np.zeros(12)
     along[2], along[8] = drawn_mm, -drawn_mm
     return np.outer(along, along)
@@ -294,7 +294,7 @@ def on_tape(poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
 
 
 def misfits(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray, both: FloatArray) -> FloatArray:
-    """Where the arm has the sensor, in the frame of where the tape has it: translation (mm) and turn (rad).
+    """The sensor's pose by the arm relative to its pose by the tape: translation (mm) and rotation vector (rad).
 
     poses (..., m, 3), both (..., 12): The answer is (..., m, 6).
     """
@@ -331,7 +331,7 @@ def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatAr
             found = least_squares(rows, at, derivative, max_nfev=40)
             if found.cost < least:
                 best, least = found.x, found.cost
-    # the search may end whole turns on, where a rotation vector's covariance says something else
+    # the search may end whole turns away, where the covariance of a rotation vector is another one
     for turn in (best[3:6], best[9:12]):
         turn[:] = Rotation.from_rotvec(turn).as_rotvec()
     return best

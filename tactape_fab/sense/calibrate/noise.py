@@ -107,7 +107,7 @@ def _split(power: FloatArray, count: int, sensor: SensorProfile) -> Noise:
     used = np.hypot(u, v) >= LOWEST
     shape = 1.0 / (along**2 + down[:, None] ** 2)[used]
     seen = power[used]
-    # the search is in the data's own size, whatever the frame's unit
+    # the search is in units of the data's own size, to be independent of the frame's unit
     unit = float(seen.mean())
     if not unit > 0.0:
         return Noise(slope=0.0, white_um=0.0, sigma_slope=0.0, sigma_white_um=0.0, patches=count)

@@ -98,7 +98,7 @@ def _held(
         covariance = np.linalg.pinv(scaled.T @ scaled + np.diag(prior**2), hermitian=True)
         step = -covariance @ (scaled.T @ (said / sigmas).ravel() + prior**2 * z)
         rest = said + by @ step
-        # what the unknowns take of each row, as in `hand_eye`
+        # leverage of each row, as in `hand_eye`
         taken = ((scaled @ covariance) * scaled).sum(axis=1).reshape(-1, 6)
         freedom = np.maximum((1.0 - taken).sum(axis=0), 1e-3)
         used, sigmas = sigmas, np.maximum(np.sqrt((rest**2).sum(axis=0) / freedom), least)

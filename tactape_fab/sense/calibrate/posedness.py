@@ -180,7 +180,7 @@ def corner_sigma_um(bundle: Bundle) -> float:
     seen = camera.seen_by(sensor, bundle.values)
     # of pixels, to mm on the gel along each axis
     by = seen.to_px(at_mm)[2] / np.array(seen.scale)[:, None]
-    # what a turn of the image does is the pose's, not the camera's
+    # a rotation of the image belongs to the pose, not to the camera
     variance = np.einsum("nij,jk,nik->n", by, bundle.covariance, by)
     # both axes' variances are added above; along one of them
     return float(1000.0 * np.sqrt(variance.max() / 2.0))

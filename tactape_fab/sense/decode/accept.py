@@ -191,7 +191,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
     registered = _Doubt(p_place=share_of_others(place.others, p_tape), lead=place.lead, unregistered=None)
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
         return registered
-    # `most_said` is all that the dots could say anywhere: below `clear` there is no tape to be named
+    # `most_said` is the largest evidence that these dots can have anywhere: below `clear` there is no tape to be named
     clear, refused = log(_PLACES) - log(limits.max_p_false), p_tape > limits.on_tape
     if refused and place.most_said < clear:
         return registered
@@ -201,7 +201,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
         # a smaller precision takes longer: p_place only has to be known to a tenth of what is allowed
         chance = p_tape > _BY_CHANCE * limits.max_p_false
         found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa), beyond=chance)
-    # measured places speak for the answer against all places that were not measured, unregistered ones as well
+    # the credit of measured places counts against all places that were not measured, unregistered ones as well
     if place.credit > 0.0:
         found = replace(found, weight=found.weight * exp(-place.credit), lead=found.lead + place.credit)
     # it is named if it would be accepted itself, and the answer does not lead over it

@@ -94,7 +94,7 @@ def _of_all(values: npt.NDArray[_Kind], inside: BoolArray, fill: float) -> npt.N
 
 def strain_of(pose: Pose, view: View) -> dict[str, tuple[float | None, float | None, None]]:
     """Fields `strain` and `strain_sigma` of an answer: aspect and shear where the frame observes them."""
-    # a posterior nearly as wide as its prior repeats the profile: the frame has said nothing
+    # a posterior nearly as wide as its prior repeats the profile: the frame does not observe the parameter
     (aspect, shear, _), (aspect_sigma, shear_sigma, _) = pose.camera.tolist()
     _, known_aspect, known_shear, _ = view.beliefs.sigmas.tolist()
     a, s = aspect_sigma < OBSERVED * known_aspect, shear_sigma < OBSERVED * known_shear

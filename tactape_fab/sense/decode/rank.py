@@ -108,7 +108,7 @@ def read(
             fits = _fits(dots, xy, view, len(GRID_SHARES))
         if rank >= len(fits):
             break
-        # all that the symbols say is fixed here, before a tape is looked at: the bound rests on it
+        # the posteriors of the symbols are fixed here, before a tape is looked at: the bound rests on it
         q = posteriors(fits[rank].nodes, fits[rank].squares, dots.weights, dots.trust, fits[rank].sigma)
         of_use = (least if best is None else max(least, best.ln_bound)) - log(GRID_SHARES[rank])
         place = _place(dots, fits[rank], q, view, world, view.centre_px - middle, prior, precision, of_use)
@@ -128,7 +128,7 @@ def read(
 
 def _fits(dots: Dots, xy: FloatArray, view: View, most: int) -> list[Fit]:
     """Fits of the grids of most power, best first, without those below `LEAST_GRID_POWER`; xy: dots from their centroid."""
-    # a dot that may be noise, or is low and so badly placed, says less of the grid
+    # a dot that may be noise, or is low and so imprecise, weighs less in the grid
     strength = dots.trust * np.minimum(dots.weights, 1.0)
     lattices = find_lattices(xy, strength, view.pitch_px, view.scale_tolerance, most)
     free = view.scale_tolerance > 0.0

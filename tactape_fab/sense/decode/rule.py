@@ -30,7 +30,7 @@ import numpy as np
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import DEFAULT_GRID
 
-# What an answer has to keep
+# Limits of an answer
 
 MAX_P_FALSE = 1e-4
 """Largest accepted p_false, a probability. Chosen: of 10,000 textures of any kind one may be located wrongly."""
@@ -83,7 +83,7 @@ of p_place 1e-3 to 1e-2 and three decades below added up to 36, 1.0, 0.4 and 0.0
 MOST_RANGE = 100_000
 """Columns of the largest plane that is searched without a tape."""
 
-# What a dot is, and how far it is trusted; set on simulated frames
+# Detection of dots, and their trust; tuned on simulated frames
 
 SMOOTHING_MM = 0.125
 """Standard deviation of the Gaussian that a depth map is smoothed with: 2 px at 16 px/mm."""
@@ -99,7 +99,7 @@ simulated frames of the default scene, of twice its noise, and of an elastomer o
 LEAST_TRUST = 0.02
 """Dots of less trust are left out: they would say nothing, and cost time."""
 
-# How far a dot is from its place: errors along one axis, in pitches; set on simulated frames
+# Errors of a dot along one axis, in pitches; tuned on simulated frames
 
 LEAST_SIGMA, USUAL_SIGMA, MOST_SIGMA = 0.012, 0.016, 0.06
 """Standard deviation of a good dot: the least and the most, 18 and 90 um at W = 1.5 mm, and the value assumed before a

@@ -65,7 +65,7 @@ def pose_covariance(surface: Surface, state: FloatArray, covariance: FloatArray)
         spin = (ahead[:3, :3] - behind[:3, :3]) @ here[:3, :3].T / _STEP
         rates[:3, k] = (ahead[:3, 3] - behind[:3, 3]) / _STEP
         rates[3:, k] = (spin[2, 1] - spin[1, 2]) / 2, (spin[0, 2] - spin[2, 0]) / 2, (spin[1, 0] - spin[0, 1]) / 2
-    # infinity times a rate of 0 would be NaN: what is unknown is carried over by itself, to the outputs that it moves
+    # infinity times a rate of 0 would be NaN: infinite variances are propagated separately, to the outputs that depend on them
     known = np.where(unknown[:, None] | unknown, 0.0, covariance)
     found: FloatArray = rates @ known @ rates.T
     found = (found + found.T) / 2

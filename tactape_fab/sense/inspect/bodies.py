@@ -125,7 +125,7 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
         sigma_mm = start.sigma_mm[:, 0]
         return Bodies(shift_mm=start_mm, turn_deg=start.turn_deg, sigma_mm=sigma_mm, area=area, misfit=np.ones(n))
     length, width, _ = tape.part.body_mm
-    # hardly beyond the body, as lands do not move with it
+    # barely larger than the body, as lands do not move with it
     grid = patch_grid(length / 2 + _MARGIN_MM, width / 2 + _MARGIN_MM, max(warp.px_per_mm, _LEAST_PX_PER_MM))
     scene = _Scene(picture=picture, warp=warp, tape=tape, palette=palette, grid=grid)
     state, template, ends, misfit = _fitted(scene, sites_mm, start, usual)

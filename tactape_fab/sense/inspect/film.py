@@ -111,7 +111,7 @@ def refined(warp: Warp, board_mm: FloatArray, seen_px: FloatArray) -> tuple[Warp
     bare, _ = fitted(bare, board_mm, seen_px, gate_px=gate)
     lines: list[LineShift] = []
     left = seen_px - bare.smooth(board_mm)
-    # what depends on v, a shift of lines, and then columns, from what is left
+    # from the residuals first the part that depends on v, a shift of lines, then that of columns
     for axis in (1, 0):
         line = _line_shift(seen_px[:, axis], left, axis, _KNOT_MM * warp.px_per_mm)
         lines.append(line)

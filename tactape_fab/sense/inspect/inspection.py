@@ -200,7 +200,7 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
     if photo:
         alone = bodies
         bodies, growth = without_parallax(alone, sites, there & (alone.misfit <= COVERED))
-        # what is lost of the placement's own mean and growth is lost of all parts together
+        # the correction also removes the placement's own mean and growth, an error common to all parts
         common_mm = float(np.sqrt((bodies.sigma_mm**2 - alone.sigma_mm**2).mean()))
     return _Measured(
         view=view,
@@ -217,7 +217,7 @@ def _end_difference(picture: Picture, warp: Warp, tape: Tape, palette: Palette, 
     length, width, _ = tape.part.body_mm
     grid = patch_grid(1.1 * length, width, warp.px_per_mm)
     grey = palette.grey(sample(picture, warp, sites_mm, tape.part.rotation_deg, grid)).reshape(-1, *grid.shape)
-    # a place less itself turned by half a turn; one half of it says all
+    # the patch minus itself rotated by half a turn; one half of the difference suffices
     apart = (grey - grey[:, ::-1, ::-1])[:, :, grid.shape[1] // 2 + 1 :]
     return np.asarray(apart.std(axis=(1, 2)), dtype=np.float64)
 
@@ -261,7 +261,7 @@ def _refuse_copies(tape: Tape, measured: Sequence[_Measured]) -> None:
 
 
 def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: float, turn_tolerance_deg: float) -> Inspection:
-    """Weighted means over the scans; a part is missing where every scan that shows it says so."""
+    """Weighted means over the scans; a part is missing if it is so in every scan that shows it."""
     n = wanted.tape.part_count
     weight, off, shift, turn, first_deg = np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros(n), np.full(n, np.nan)
     there, upright, clear = (np.zeros(n, dtype=bool) for _ in range(3))

@@ -1,4 +1,4 @@
-"""Colours of a scan brought onto each other: many scanners see red, green and blue up to a pixel apart.
+"""Registration of a scan's colour channels: many scanners see red, green and blue up to a pixel apart.
 
 Lands are looked for in one colour and bodies in a mixture of all, so that colours half a pixel apart at 1200 dpi would move all
 bodies by 18 um.
@@ -16,17 +16,17 @@ from tactape_fab.sense.objects.tag_view import tag_corners_mm
 from tactape_fab.texture.tape import Tape
 
 _LEAST_MM = 0.003
-"""Distance of two colours from which on they are brought together: where they are not apart, less than 1 um is found."""
+"""Least distance of two channels that is corrected: for aligned channels less than 1 um is found."""
 _LEAST_CORRELATION = 0.9
 _STEPS, _CONVERGED_PX = 50, 1e-4
 _SMOOTH_PX = 5
 
 
 def register_colours(picture: Picture, warp: Warp, tape: Tape, palette: Palette) -> None:
-    """Move two colours of a picture, in place, onto the third, in which lands are looked for; nothing where no tag is seen.
+    """Shift two channels of a picture, in place, onto the third, in which lands are searched; does nothing if no tag is seen.
 
-    The tag has ink and film alone, so that its edges are the same in every colour. Around parts they are not: openings show in
-    one, copper in another, and both may be apart. Not for photographs: their colours spread from the middle, unlike at the tag.
+    The tag has only ink and film, so that its edges are the same in every channel. Around parts they are not: openings show in
+    one, copper in another, and both may be apart. Not for photographs: their channels differ in scale, unlike at the tag.
     """
     cv2 = library("cv2", "inspecting a scan")
     if tape.tag is None:

@@ -19,9 +19,9 @@ TOLERANCE_MM = 0.2
 """Four times the scatter of a usual line, 0.05 mm: 0.03 % of good parts are farther off."""
 TURN_TOLERANCE_DEG = 10.0
 FILM_SIGMA = 0.001
-"""A film's own stretch, which no scan tells from the scanner's: polyimide moves by 0.1 % or so."""
+"""Standard deviation of a film's own stretch, which a scan cannot tell from the scanner's: polyimide changes by about 0.1 %."""
 DRIFT_MM = 0.001
-"""Common error of neighbouring parts, standard deviation along each axis: a shadow on one side moves all of them."""
+"""Standard deviation, along each axis, of the common error of neighbouring parts: a shadow on one side shifts all of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +53,7 @@ class ScanFacts:
     """Figures of one scan: nominal dpi (None where nobody says), scale, skew, line shifts, and residuals of the lands.
 
     ``px_per_mm`` and ``shear`` hold scanner and film together. ``growth`` is that of a photograph's parallax; None for a scan.
-    ``common_mm`` is the standard deviation, along each axis, of what all parts are wrong by together as it was taken out.
+    ``common_mm`` is the standard deviation, along each axis, of the common error of all parts, by the correction of parallax.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Inspection:
 
     @property
     def mean_shift_mm(self) -> tuple[float, float]:
-        """Of all parts against their lands."""
+        """Mean shift of all parts relative to their lands, board frame, mm."""
         x, y = self.shift_mm[self.present].mean(axis=0) if self.present.any() else (0.0, 0.0)
         return float(x), float(y)
 

@@ -101,7 +101,7 @@ def _views(picture: Picture, name: str, wanted: Sequence[WantedTape], dpi: float
         seeds = _code_seeds(blobs, px_per_mm, wanted)
     views, agreeing = _grown(picture, name, wanted, seeds, blobs, dpi)
     if not views and seeds and seeds[0].found_by == "tag":
-        # ink that spreads makes a tag smaller than it is drawn, by a tenth: the nominal scale then reads the parts
+        # ink that spreads makes a tag a tenth smaller than drawn: with the nominal scale the parts are read
         scale = px_per_mm if dpi is None or abs(dpi / MM_PER_INCH / px_per_mm - 1.0) > _MOST_SPREAD else dpi / MM_PER_INCH
         views, _ = _grown(picture, name, wanted, _code_seeds(blobs, scale, wanted), blobs, dpi)
     if not views:

@@ -32,7 +32,7 @@ UNMEASURED = 1e6
 """Variance (m², rad²) of z, roll and pitch, which a contact does not show: so large that a filter ignores them."""
 
 FRAME_BY_NAME = "a frame of poses"
-"""What is called after a tape alone, as `refuse_equal_names` says it."""
+"""Name, in the message of `refuse_equal_names`, of the thing that is named after a tape alone."""
 _NS = 1_000_000_000
 _LAST_S = 2**31
 _MM_TO_M = 1e-3

@@ -152,7 +152,7 @@ def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None,
 
 
 def _refuse_output(key: str, path: Path, ending: str) -> None:
-    """Refuse a file that is to be written, of another ending or at a place that is taken: nothing is written over."""
+    """Refuse an output file with another ending, or one that exists: nothing is overwritten."""
     if path.suffix.lower() != ending:
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} does not end with {ending}; give a name that does"))
     refuse_taken_place(path, key)

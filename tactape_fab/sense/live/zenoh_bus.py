@@ -32,7 +32,7 @@ _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|unixsock-stream)/\S{1,200}")
 
 
 class ZenohBus:
-    """Publishers of `watch`'s topics. What a reader is too slow for is dropped here; gaps in the attached numbers tell it so.
+    """Publishers of `watch`'s topics. Messages are dropped for a slow reader, who sees gaps in the attached numbers.
 
     endpoint: "local" to listen on this machine, or the endpoint of a router or peer to connect to.
     sensors: Names of several sensors, which have topics of their own.

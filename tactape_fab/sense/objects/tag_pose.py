@@ -135,7 +135,7 @@ def refine_tag_pose(
         raise refused
     _, seen, starts = max(views, key=lambda view: view[0])
     best = max((_fitted(seen, tag.id, tag.cell_mm, *start) for start in starts), key=lambda pose: pose.fit)
-    # border and ring are those of every tag, at every turn: the cells between them say which it is
+    # border and ring are the same for every tag and turn: only the cells inside tell them apart
     fit = min(best.fit, _fit_at(seen, tag.id, tag.cell_mm, best.rotation, best.translation_mm, of_cells=True))
     if not fit >= _LEAST_FIT:
         raise FrameError(

@@ -132,7 +132,7 @@ def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
     divergence = np.zeros(slopes.shape[1:], dtype=np.float32)
     u_steps = (slopes[0, :, 1:] + slopes[0, :, :-1]) * np.float32(0.5 / px_per_mm[0])
     v_steps = (slopes[1, 1:] + slopes[1, :-1]) * np.float32(0.5 / px_per_mm[1])
-    # what leaves a pixel to the right less what comes from the left; nothing crosses the border (Neumann)
+    # divergence: the step to the right minus the step from the left; no step crosses the border (Neumann)
     divergence[:, :-1] += u_steps
     divergence[:, 1:] -= u_steps
     divergence[:-1] += v_steps

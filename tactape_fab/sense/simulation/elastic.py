@@ -113,7 +113,7 @@ def _relief_mm(view: View, parts: Parts, parts_mm: FloatArray, bumps_mm: FloatAr
     insets_mm = [0.0, *(edge_mm * (1 - np.sqrt(1 - levels**2)))]
     steps_mm = [height_mm - edge_mm, *[edge_mm / _TERRACES] * _TERRACES]
     blocks = np.zeros_like(image)
-    # what the gel has displaced a part by, its corners are displaced by too
+    # a part's corners are displaced by the gel as much as its centre
     moved_mm = (parts_mm - view.from_board(parts.xy_mm))[:, None]
     for inset_mm, step_mm in zip(insets_mm, steps_mm, strict=True):
         corners_mm = _corners_mm(parts, length_mm - 2 * inset_mm, width_mm - 2 * inset_mm)

@@ -89,7 +89,7 @@ def _windows(
     seen = np.flatnonzero((first <= last).all(axis=1))
     if not len(seen):
         return
-    # one size for all, so that numpy takes them together; what it is too large by holds nothing
+    # one window size for all, so that numpy handles them together; the excess is zero
     size = (last[seen] - first[seen]).max(axis=0).astype(np.int64) + 1
     lot = max(1, MOST_SAMPLES // int(size.prod() * samples))
     for start in range(0, len(seen), lot):

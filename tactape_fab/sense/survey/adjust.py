@@ -161,7 +161,7 @@ def adjust(
             of_bend = slice(normal.size - len(bend.modes), normal.size)
             bend.move(step[of_bend], normal.variances(of_bend))
         shift = shift + moved
-        # what is left over its degrees of freedom: two a dot, less three a contact and what the parts take
+        # residuals over their degrees of freedom: two per dot, minus three per contact and those of the parts
         freedom = 2.0 * (weight > 0.0).sum() - poses.size - 2.0 * (1.0 - 1.0 / sigma_before**2 / own).sum()
         # 1 - prior / own is the share of a part's place that the dots decide, of 2 unknowns; the floor is for contacts that share
         # few parts

@@ -26,7 +26,7 @@ class Bend:
         none, one = np.zeros_like(x), np.ones_like(x)
         rigid = [np.concatenate(pair) for pair in ((one, none), (none, one), (-y, x))]
         others = [np.concatenate(pair) for of in (x, y, x * x, x * y, y * y) for pair in ((of, none), (none, of))]
-        # what is left of the polynomials: of each one what those before it do not have; x along y is a turn and a shear
+        # polynomials orthogonalised (QR) after the rigid motions; x along y is a rotation and a shear
         of_all = np.linalg.qr(np.stack([*rigid, *(other for k, other in enumerate(others) if k != 1)], axis=1))[0]
         self.modes = of_all[:, len(rigid) :].T * np.sqrt(2.0 * len(x)) if held else np.empty((0, 2 * len(x)))
         self.amplitude_mm, self.sigma_mm = np.zeros(len(self.modes)), LEAST_BEND_MM

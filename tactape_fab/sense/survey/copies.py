@@ -77,7 +77,7 @@ def refuse_other_start(
     mean_mm = np.stack([np.bincount(part, left_mm[:, axis], len(shift_mm)) for axis in range(2)], axis=1)
     # where the contacts alone have them
     seen_mm = shift_mm + mean_mm / np.maximum(count, 1)[:, None]
-    # where a part was measured to be where the design has it, both fit alike
+    # if a part was measured at the design's position, both fit equally well
     told = (count >= 2) & (np.hypot(*before_mm.T) > 2.0 * sigma_mm)
     if told.sum() < LEAST_PARTS:
         return
@@ -153,7 +153,7 @@ def _costs(
     count, mean = _means(seen, by, group)
     mine = group[contact].astype(float)
     others = count[part] - mine
-    # a part that no other contact of the group shows says nothing: it stands where the design has it
+    # a part that no other contact of the group shows has no mean: the design's position stands for it
     without = (mean[part] * count[part, None] - mine[:, None] * left_mm) / np.maximum(others, 1.0)[:, None]
     # of few contacts a mean is off by as much as they are
     squares = ((left_mm - without) ** 2).sum(axis=1) / (1.0 + 1.0 / np.maximum(others, 1.0))

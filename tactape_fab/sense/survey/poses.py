@@ -12,7 +12,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.files.arm_poses import ArmPose, HandEyeFile, tilt_deg
 
 MOST_TILT_DEG = 20.0
-"""A sensor tilted more touches with its side; poses that say so are those of another frame."""
+"""Largest tilt of a sensor: beyond, it would touch with its side, and the poses are of another frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

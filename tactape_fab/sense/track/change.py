@@ -68,8 +68,7 @@ def change_between(old: Localization, new: Localization, sensor: SensorProfile) 
     rates[:, 0, 5] = y
     keep = _moved_as_one(rates[..., :3], left)
     rates, left = rates[keep], left[keep]
-    # the rigid fit gives the pose's change; scale, aspect and shear would take part of it, and are fitted beside it only to be
-    # told
+    # the rigid fit gives the pose's change; scale, aspect and shear would absorb part of it, and are fitted apart, to be reported
     (moved, spread), (bent, bent_spread) = _solved(rates[..., :3], left), _solved(rates, left)
     # t at the image centre from that at the dots' middle
     lever = np.array([[1.0, 0.0, middle[1]], [0.0, 1.0, -middle[0]], [0.0, 0.0, 1.0]])

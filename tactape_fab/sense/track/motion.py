@@ -23,7 +23,7 @@ LINE_FIXES = 4
 LINE_S = 0.5
 """Age, s, above which fixes are not used for the velocity."""
 _LEAST_SPREAD_S2 = 1e-18
-"""Sum of squared times, s^2, below which fixes were taken at one time, and say nothing of a velocity."""
+"""Sum of squared times from their mean, s^2, below which fixes count as simultaneous and give no velocity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,12 +239,12 @@ def mean_pose(poses: Sequence[Pose]) -> Pose:
 
 
 def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Change | None = None) -> Slip:
-    """Change of a pose relative to its reference pose: as the dots in common have it, or the two poses."""
+    """Change of a pose relative to its reference pose, from the dots in common, or else from the two poses."""
     shift, total = difference(pose.at, anchor.at), difference(pose.at, began.at)
     spread = pose.covariance + anchor.covariance
     if change is not None:
         shift, spread = change.shift, change.covariance
-    # the more dots, the smaller the covariances, and the sooner a contact at rest would slip by what they do not have
+    # the more dots, the smaller the covariances, and the sooner unmodelled errors would look like a slip of a contact at rest
     floor = np.diag([motion.floor_mm**2, motion.floor_mm**2, radians(motion.floor_deg) ** 2])
     sigmas = _distance(shift, spread + floor)
     detected = sigmas > motion.slip_sigmas

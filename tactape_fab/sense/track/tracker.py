@@ -249,7 +249,7 @@ def _contact(
     # a frame or two without a sign may be a bad frame
     if state.silent + 1 < motion.patience:
         return replace(state, silent=state.silent + 1, lost=True), ("lost",) if state.began is not None and not state.lost else ()
-    # nothing of a contact goes on in the next: neither its velocity nor a slide that it ended in
+    # a new contact inherits nothing from the last one: neither its velocity nor a slide at its end
     ended = replace(state, contact=False, lost=False, silent=0, still=0, slipping=False)
     return replace(ended, velocity=np.zeros(3), anchor=(), began=None), ("end",)
 
@@ -264,7 +264,7 @@ def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
 
 def _moved(state: _State, pose: Pose, motion: Motion, sensor: SensorProfile) -> tuple[_State, Slip, bool]:
     """State with one more fix, its slip, and whether that slip is new."""
-    # after a jump or a new contact the old fixes say nothing of the velocity
+    # after a jump or a new contact the old fixes do not tell the velocity
     line = (*(() if state.began is None else state.line), pose)[-LINE_FIXES:]
     began = state.began or pose
     anchor = state.anchor or (pose,)

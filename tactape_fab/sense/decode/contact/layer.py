@@ -105,7 +105,7 @@ def force_on(
     rates[:, :-1] = response((depth_mm.shape[0], depth_mm.shape[1]), cell_mm, gel)[:, there]
     rates *= sigmas / ERROR_MM
     rates, depth = rates[known_cells], depth[known_cells]
-    # what is asked for, as rows on z: the sum of all forces, and the zero
+    # the two results as linear functions of z: the sum of all forces, and the zero
     sums = np.column_stack([sigmas, sigmas])
     sums[-1, 0] = sums[:-1, 1] = 0.0
     # depth = rates z + noise, all over their standard deviations: the posterior of z is N((R^T R + 1)^-1 R^T d, (R^T R + 1)^-1)

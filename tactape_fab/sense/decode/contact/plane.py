@@ -88,7 +88,7 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
     if flat is not None:
         at, covariance = flat
     else:
-        # a bent tape says nothing of the gain: it is the prior's, independent of the slopes
+        # a bent tape does not observe the gain: it is the prior's, independent of the slopes
         at, covariance = np.append(shown[:3], GAIN), np.zeros((4, 4))
         covariance[:3, :3], covariance[3, 3] = variance[:3, :3], GAIN_SIGMA**2
     gain = float(at[3])
@@ -101,7 +101,7 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
     middle_mm = weights @ gel_mm / weights.sum()
     bend = None if crown_mm is None or flat is not None else _bend(shown, variance, crown, middle_mm)
     if bend is not None:
-        # the circle of the tops goes on beyond the contact as a parabola does not
+        # beyond the contact the tops follow a circle, not the fitted parabola
         rise = np.append(terms(middle_mm[None])[0] @ shown / gain + bend.height_mm(middle_mm), bend.slope)
         changes = np.array([other.slope - bend.slope for other in bend.unsure()])
         of_rise[1:, 1:] = changes.T @ changes

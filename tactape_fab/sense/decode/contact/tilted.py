@@ -99,14 +99,14 @@ def tilted_pose(
     found = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
     if not (found.finite and 0.0 < found.sigma_mm < inf):
         return pose, offset_px, False
-    # what may be left: a share of what was taken off, a lean of the tops, and how the tape is bent
+    # remaining uncertainties: a share of the correction, a lean of the tops, and the parameters of the bend
     left = [moved + DRAWN_ERROR * drawn, moved + LEAN_MM * view.px_per_mm * slope]
     if bend is not None:
         left += [_flat(places, slope, other, view) for other in bend.unsure()]
         left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM))
     changes = np.zeros((len(left), 3))
     for by, change in zip(left, changes, strict=True):
-        # the derivative of the pose by an unsure amount, by one step of a standard deviation: its square is what it adds
+        # change of the pose by one standard deviation of an uncertain amount: its outer product is added to the covariance
         other = fit_pose(by, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
         change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
@@ -116,7 +116,7 @@ def tilted_pose(
     # a mixture of two poses with probabilities p and 1 - p: the mean of both covariances, and p (1 - p) times the square of how
     # far they are apart (law of total variance)
     strain = changes.T @ changes + (1.0 - not_drawn) * not_drawn * np.outer(apart, apart)
-    # the variance of a dot as the mean of the frame's and of the believed one, over the frame's
+    # the variance of a dot, a weighted mean of the frame's and of the prior's, over the frame's
     own = max((count + USUAL_DOTS * (USUAL_MM / found.sigma_mm) ** 2) / (count + USUAL_DOTS), 1.0)
     own -= CANCELS * min(CANCELS_MM / found.sigma_mm, 1.0) ** 2
     towards = not_drawn * apart

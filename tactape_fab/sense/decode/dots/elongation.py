@@ -84,7 +84,7 @@ def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArra
             squares += elongation[i, 0] ** 2 + elongation[i, 1] ** 2
     if count < LEAST_GOOD:
         return 0.0
-    # both components have one variance: n - 1 deviations each, besides the belief before the frame
+    # both components have one variance: n - 1 degrees of freedom each, and those of the prior
     scatter = squares / 2.0 - (along * along + across * across) / (2.0 * count)
     variance = (scatter + USUAL_DOTS * USUAL_SCATTER**2) / (count - 1.0 + USUAL_DOTS)
     # an error common to all dots does not average out

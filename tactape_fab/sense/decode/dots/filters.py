@@ -166,7 +166,7 @@ def _band(
             left, right, k = smooth[pad - t :], smooth[pad + t :], taps[t]
             for u in range(w):
                 row[u] += k * (left[u] + right[u])
-        # along the row the box is summed term by term: a running sum is a chain of dependent additions, this is some vectors
+        # along the row the box is summed term by term, which vectorises; a running sum is a chain of dependent additions
         for t in range(1, half_box + 1):
             left, right = box[pad - t :], box[pad + t :]
             for u in range(w):
@@ -300,7 +300,7 @@ def _centres(
             # is that of `Dots`
             elongation[i, 0] = (hxx - hyy) / (hxx + hyy)
             elongation[i, 1] = 2.0 * hxy / (hxx + hyy)
-        # beyond the 3 x 3 pixels the quadric says nothing
+        # beyond the 3 x 3 pixels the quadric is not valid
         if abs(dx) > 1.0 or abs(dy) > 1.0:
             dx = dy = 0.0
         # the middle of a block of pixels, as pixel centres are whole numbers
@@ -327,7 +327,7 @@ def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, acr
     deepest, far = 0.0, along
     for k in range(4):  # ahead, behind, and on either side
         # `far` is along, -along, across, -across, as the direction turns by 90 degrees after the second
-        # down, of negative places as well: a sample beyond the upper or left border is none, as beyond the others
+        # floor, as truncation would round negative positions into the image: samples beyond any border are skipped
         row, column = np.int64(np.floor(v + far * dv + 0.5)), np.int64(np.floor(u + far * du + 0.5))
         far = -far
         if k == 1:

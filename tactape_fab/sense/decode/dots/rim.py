@@ -128,7 +128,7 @@ def _settle(
         u = v = support = crowd = 0.0
         for k in range(strong):
             du, dv = xs[k] - x, ys[k] - y
-            # `_SAME` keeps the dot's distance from itself above 0, so that there is no division by it; it is told by it below
+            # `_SAME` keeps the dot's distance from itself above 0, against division by zero; below it identifies the dot itself
             square = du * du + dv * dv + _SAME
             crowd += 1.0 if square < nearest * nearest and heights[k] > weights[i] else 0.0
             distance = np.sqrt(square)
@@ -147,7 +147,7 @@ def _settle(
         if low > LOW_SCATTERS * scatter - 4.0 * LOW_STEP:  # below this the step is under 2 %
             hole = 1.0 / (1.0 + np.exp((mean - AMID) / AMID_STEP))
             gain += HOLE * company * hole / (1.0 + np.exp((LOW_SCATTERS * scatter - low) / LOW_STEP))
-        # Bayes' rule in odds: the prior's log odds and the terms add up
+        # Bayes' rule: log odds add up
         odds = trust[i] * np.exp(gain)
         believed[i] = odds / (odds + 1.0 - trust[i])
         low -= BELIEVED_SCATTERS * scatter

@@ -73,7 +73,7 @@ def _shift(high: Image, seen_px: FloatArray, coarse: int, weights: Image, out: F
         height = gx = gy = hxx = hyy = hxy = np.float32(0.0)
         around, across, down = high[v - REACH : v + REACH + 1, u - REACH : u + REACH + 1], weights[a], weights[b]
         for j in range(2 * REACH + 1):
-            # a product of Gaussians along both axes: the rows first, then the columns of what they give
+            # separable: along the rows first, then down the columns of the results
             value = slope = bend = np.float32(0.0)
             for k in range(2 * REACH + 1):
                 value += across[k, 0] * around[j, k]

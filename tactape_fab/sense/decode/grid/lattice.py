@@ -168,7 +168,7 @@ def _fill_lattices(
     for k in range(2 * steps + 1):
         scan_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / parts), waves, power)
         for j in range(ANGLES):
-            # `best`, `which` and `taken`: of each angle the largest power, the scale it has it at, and whether its peak was
+            # `best`, `which` and `taken`: for each angle the largest power, the index of its scale, and whether its peak was
             # returned
             if k == 0 or power[j] > best[j]:
                 best[j], which[j], taken[j] = power[j], k, 0
@@ -201,7 +201,7 @@ def _fill_lattices(
         pitch = clip(pitch, pitch_px * (1 - tolerance), pitch_px * (1 + tolerance))
         ar, ai, br, bi = _sums(xy, weights, angle, pitch)
         found[n, 0], found[n, 1] = angle, pitch
-        # displacements along +a and -a cancel in the phase where there are as many of both; what is left is for `fit.fit_grid`
+        # displacements along +a and -a cancel in the phase if they are equally many; `fit.fit_grid` corrects the remainder
         found[n, 2], found[n, 3] = np.arctan2(ai, ar), np.arctan2(bi, br)
         # a perfect grid has total^2 at each of both wave vectors
         found[n, 4] = (ar * ar + ai * ai + br * br + bi * bi) / (2.0 * total * total)

@@ -81,15 +81,14 @@ def _draw(
     whole = 0
     for i in range(n):
         p, q, s, t = offset_px[i, 0] - u, offset_px[i, 1] - v, texture_mm[i, 0] - x, texture_mm[i, 1] - y
-        # R cos and R sin of theta but for a common factor, by least squares (`pose._similarity`), which is all that a direction
-        # asks for
+        # R cos and R sin of theta up to a common factor, by least squares (`pose._similarity`): enough for a direction
         cos, sin = cos + p * s + q * t, sin + q * s - p * t
         if heights[i] > least > 0.0:
             whole += 1
             p, q = p / px_per_mm, q / px_per_mm
             terms[0], terms[1], terms[2], terms[3], terms[4] = 1.0, p, q, p * p / 2.0, q * q / 2.0
-            # by ln a product of body and pressure is a sum: the slope of ln of the heights is the pressure's relative slope, in
-            # 1/mm. What heights are divided by is in the constant term
+            # ln of the product of body and pressure is a sum: the slope of ln of the heights is the pressure's relative slope, in
+            # 1/mm. The unit of the heights is absorbed by the constant term
             terms[5], terms[6] = p * q, np.log(heights[i] / least)
             for j in range(6):
                 for k in range(j, 7):
@@ -109,7 +108,7 @@ def _draw(
         p, q = (offset_px[i, 0] - u) / px_per_mm, (offset_px[i, 1] - v) / px_per_mm
         du = normal[1, 6] + normal[3, 6] * p + normal[5, 6] * q
         dv = normal[2, 6] + normal[4, 6] * q + normal[5, 6] * p
-        # half of it along the part, half of it back across: what both have in common is that of the rim, and of the scale
+        # half of it along the part, minus half of it across: the mean of both is taken up by the rim's correction and the scale
         slope = along_u * du + along_v * dv
         move_u, move_v = drawn_mm2 * (slope * along_u - du / 2.0), drawn_mm2 * (slope * along_v - dv / 2.0)
         # beyond the dots that it was fitted to a second-order surface may be as steep as it likes

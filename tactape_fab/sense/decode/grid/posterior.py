@@ -162,7 +162,7 @@ def posterior(
         # in the column of the pull, whose mean is taken off again: this factor has the mean 0
         drawn[1] = unsure_mm.T / PULL_SIGMA
         target += PULL * drawn[1]
-    # dots in one place say nothing of the turn, and the normal matrix would be singular
+    # dots in one place do not observe the rotation, and the normal matrix would be singular
     if not (squares < inf and apart > ONE_PLACE * squares):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     rim_mm2 = RIM_MM**2
@@ -174,7 +174,7 @@ def posterior(
     # all unknowns but x, y and theta are in their own standard deviations: a prior is then 1 on the diagonal, and one that is
     # known exactly (sigma 0) has rates of 0 and stays at 0
     scale = -log(length * px_per_mm) / scale_sigma if scale_sigma > 0.0 else 0.0
-    # x, y, theta, scale, aspect, shear, k1, push, pull; the tenth entry goes with the column of what is left, and stays 0
+    # x, y, theta, scale, aspect, shear, k1, push, pull; the tenth entry belongs to the column of the residuals, and stays 0
     state = np.array([-length * u, -length * v, 0.0, scale, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     camera = (beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm)
     terms = _Terms(seen_mm, target, drawn, weights, rim_mm2, sigma**2, *camera, state, rates, normal, spread)

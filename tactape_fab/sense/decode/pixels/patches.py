@@ -145,7 +145,7 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
         centre_mm=sensor.camera.from_px(sensor.centre_px),
         half_px=half,
         offsets_px=offsets,
-        # an orthonormal basis: what the backgrounds explain of a column is the sum of squares of its products with them
+        # an orthonormal basis: the squared projection of a column on the backgrounds is the sum of its squared products with them
         basis=np.ascontiguousarray(np.linalg.qr(smooth.T.astype(np.float64))[0].T, dtype=np.float32),
         usable=_usable(sensor, factor, half),
         blur_mm=sensor.gel.blur_mm,
@@ -370,7 +370,7 @@ def _fit(
             of = _products(columns, columns[k])
             for m in range(5):
                 products[k, m] = of[m]
-        # normal equations of what the backgrounds leave (Frisch and Waugh): products less those of the parts along the basis
+        # normal equations after projecting out the backgrounds (Frisch and Waugh): products minus those along the basis
         for c in range(len(basis)):
             smooth = _products(columns, basis[c])
             for k in range(5):

@@ -173,7 +173,7 @@ def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats, both: Fl
             both[p * length + k] = two[p] + three[p + k]
     most = out[least * length : (differences[1] + 1) * length]
     for p in range(length):
-        # all steps at once: what the second and the third say lies one after the other, and long loops become vectors
+        # all steps at once: sums of the second and the third line are contiguous in memory, and long loops vectorise
         _raise(most, one[p], both[(p + least) * length :], p == 0)
 
 

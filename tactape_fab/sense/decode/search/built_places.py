@@ -83,8 +83,8 @@ def built_of(tape: Tape) -> Built | None:
     shift, sigma, present = np.zeros((*placed.shape, 2)), np.zeros(placed.shape), np.zeros(placed.shape, dtype=bool)
     shift[placed] = parts.shift_mm * (1.0, -1.0)  # board +y is up, texture +y down
     drift = tape.as_built.drift_mm
-    # what neighbours are wrong by together moves a contact as a whole: it is no error of a dot against its grid, and comes on
-    # top of the pose's covariance (`accept_place`)
+    # the common error of neighbours shifts a contact as a whole: it is no error of a dot relative to its grid, and is added to
+    # the pose's covariance (`accept_place`)
     sigma[placed], present[placed] = np.sqrt(np.maximum(parts.sigma_mm**2 - drift**2, 0.0)), parts.present
     shown = np.where(present, shown_by(tape), NO_PART).astype(np.uint8)
     return Built(shift_mm=shift, sigma_mm=sigma, present=present, shown=shown, drift_mm=drift)
@@ -250,7 +250,7 @@ def _said(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:
     # one part a grid point, as in `fit._fill_posteriors`
     part = np.where((same & ahead).any(axis=1), 0.0, dots.trust * (1.0 - OUTLIER_SHARE))
     variance = squared_errors(dots.weights, fit.sigma)
-    # the mean over the symbols, alike before the dot is seen: the density whatever its symbol
+    # the mean over the symbols, a priori equally likely: the density marginalised over the symbol
     density = np.exp(-0.5 * fit.squares / variance[:, None]).mean(axis=1) / (2.0 * np.pi * variance)
     return part, np.log(part * density + 1.0 - part)
 

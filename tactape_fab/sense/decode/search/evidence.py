@@ -131,7 +131,7 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     corner, size = np.empty((4, 2), dtype=np.int64), np.empty((4, 2), dtype=np.int64)
     codes = None if q.shape[1] == 4 else _CODES_AROUND
     m = _fill_cells(nodes, q, codes, cells, evidence, corner, size)
-    # memory of the tables goes with m^2: dots that reach farther are no contact, and get none
+    # memory of the tables grows with m^2: dots that reach farther are no contact, and get no tables
     if m > most:
         m = 0
     # phases twice over, so that L of them from any phase on are one piece of memory without a modulo. Single precision: ln E of

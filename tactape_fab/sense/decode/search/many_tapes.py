@@ -238,7 +238,7 @@ def _bound_over(
     group, limit = of
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
-    # the other axis says its limit at most, so this one has to say `least` less that
+    # the other axis has at most its limit, so this one needs `least` minus that
     count, rest, way = tables.size[turn, axis], limit[1 - axis], np.int64(0)
     lines, span, starts = (group[own + 2], group[own + 3]), sites.starts.spans[kind, axis], sites.starts.place[axis]
     slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count, lines, way)

@@ -223,7 +223,7 @@ def search(
             break
         negligible = _strict(groups, enough)
     if near is not None:
-        # these places are in the total already, by their part of what all places weigh: only what the prior adds to it is added
+        # these places are already in the total with their weight without the prior: only the increase by the prior is added
         top = int(raised.argmax())
         if raised[top] > best:
             answer, total, best = tuple(near.places[top].tolist()), total * exp(best - float(raised[top])), float(raised[top])
@@ -290,9 +290,9 @@ def rivals(
 
 
 def strangers(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:
-    """The unregistered tape that fits best, where it has so much evidence (ln): for answers that are refused whatever it is.
+    """The unregistered tape that fits best, if its evidence (ln) reaches `least_score`: for answers that are refused in any case.
 
-    `weight` is a bound, `lead` that of what was found alone; where nothing has so much, they are of what was looked at.
+    `weight` is a bound, and `lead` is over the places found only; if none reaches the score, both are of the evaluated places.
     """
     others = _unregistered(families, place, beyond=False)
     if not others:
@@ -302,8 +302,8 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
     found = _NO_RIVALS
     for t, g, sites, family in others:
         tapes = (sites.classes[:, LAST] - sites.classes[:, FIRST]) * sites.classes[:, TAPES]
-        # here each place alone has to reach the score: a group's number of places is set so that times the fewest tapes of a
-        # class it is 1
+        # each single place has to reach the score: a group's number of places is set so that its product with the fewest tapes
+        # of a class is 1
         single = np.column_stack([g.limits[:, :2], np.full(len(g.limits), -log(tapes.min()))])
         tally = new_tally(least_score, negligible=-ROUNDING)
         weigh_sites(t, sites, g._replace(limits=single), Weights(even, cue), tally)

@@ -228,7 +228,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
             )
             buffers.most[axis, k] = value
             most = max(most, value)
-        # what this axis can say at most in place of the limit that holds everywhere
+        # replace the general limit of this axis by its largest evidence here
         bound += most - limit[axis]
         if most == NEVER or drop(bound, places, candidate.of, terms, tally.sums):
             return

@@ -50,7 +50,7 @@ class TracePlane(CodePlane):
             transform(said)
             said[0] = -np.inf  # no place has the element 0
             tell(said, found[turn])
-            # the part of ln E that no bit changes; the sum of all E is in multiples of the best, and has it already
+            # the part of ln E that does not depend on bits; the sum of all E is relative to the best, where it cancels
             found[turn, [0, 2]] += mean.sum()
         turn = int(found[:, 0].argmax())
         best, element = found[turn, 0], int(found[turn, 1])
