@@ -24,7 +24,7 @@ from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.tape import Tape
 
 MOST_FRAMES = 200
-"""Frames that are looked at; the first ones."""
+"""Only so many first frames are examined."""
 EIGHT_BITS = 256
 
 

@@ -19,7 +19,7 @@ from tactape_fab.texture.frames import BoolArray
 from tactape_fab.texture.tape import Tape
 
 SCALES = (1.0, 0.8, 1.25, 0.64, 1.5625, 0.512, 1.953)
-"""Scales that are tried, over that of the profile to start from; each covers `TOLERANCE` about it."""
+"""Scales that are tried, over the initial profile's; each covers `TOLERANCE` about it."""
 TOLERANCE = 0.15
 PROBES = 6
 """Frames of most relief that are tried."""

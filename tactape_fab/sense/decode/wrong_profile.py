@@ -26,7 +26,7 @@ from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 
 LEAST_PITCH, MOST_PITCH = 0.45, 2.05
-"""Pitches looked at, over the profile's: a scale that is half or twice as large is within."""
+"""Range of pitches that is searched, over the profile's: it includes half and twice the scale."""
 MOST_GRIDS = 3
 SURE_SHARE, LEAST_POWER, LEAST_AXIS = 0.8, 0.4, 0.25
 """A grid is there from this share of the power that its displaced dots keep, and from this share of a perfect grid's power, with
@@ -45,7 +45,7 @@ _ANY_BOUND = inf
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seen:
-    """A frame that was not located, and how it was looked at."""
+    """A frame that was not located, with the settings of its search."""
 
     sensor: SensorProfile
     view: View
@@ -152,7 +152,7 @@ def _flipped(seen: Seen, dots: Dots) -> Dots:
 
 
 def _pitch(seen: Seen, raw: Dots) -> float | None:
-    """Pitch of the grid that the dots stand on, px, if there is one, whatever the profile's scale."""
+    """Pitch of the dots' grid, px, independent of the profile's scale; None if there is no grid."""
     good = raw.trust > GOOD_TRUST
     if np.count_nonzero(good) < SOLID_DOTS:
         return None

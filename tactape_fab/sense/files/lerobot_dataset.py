@@ -36,7 +36,7 @@ _THRIFT = {"thrift_string_size_limit": 1 << 27, "thrift_container_size_limit": 1
 _ROWS, _VALUES = 8, 1 << 22
 """Rows that are read at once, and values of arrays in them: equal ones take no room in a file, however many they are."""
 _TIMES_UNPACKED, _ROOM_BYTES = 6, 1 << 30
-"""Memory that rows of a group may take while they are read: so many times what they say to unpack to, and so much beside."""
+"""Memory limit while rows of a group are read: so many times their stated unpacked size, plus so many bytes."""
 _TABLES = "data/**/*.parquet"
 _UNSURE = "than its tables have rows, so that no image's time is sure; record it again, or leave out that episode"
 _FLOATS = ("float32", "float64", "uint16", "int16")
@@ -114,7 +114,7 @@ def _batches(folder: Path, columns: list[str], rows: int = _ROWS) -> Iterator[An
 
 @contextmanager
 def _within(most_bytes: int, path: Path) -> Iterator[None]:
-    """Bound the memory that this process may take beside what it has; on Linux alone.
+    """Bound the memory that this process may allocate on top of its present use; on Linux only.
 
     A list of a thousand million equal values takes no room in a file, counts nothing in its sizes, and pyarrow unpacks it.
     Raises SpecError where it does not suffice.

@@ -31,7 +31,8 @@ from tactape_fab.sense.raw.colour_images import by_number
 MOST_CHUNK_BYTES = 1 << 28
 _MOST_CHANNELS = 10_000
 _MOST_RECORDS, _BYTES_OF_RECORD = 250_000, 8
-"""Records in the packed chunks of a file, besides one for so many of its bytes. The shortest message takes 31 bytes unpacked."""
+"""Limit of the records in a file's packed chunks: the first, plus one per so many bytes of the file. The shortest message takes
+31 bytes unpacked."""
 _RECORD_BEGIN = 9
 """Bytes before the content of a record: its kind, and its length in eight bytes, the lowest first (MCAP 0, "Records")."""
 _LIST = re.compile(r"^ *relative_file_paths: *\n((?: *-[^\n]+(?:\n|$))+)", re.MULTILINE)
@@ -163,7 +164,7 @@ class _Budget:
 
 
 def _unpacked(chunk: Any) -> Any:
-    """A chunk whose data are not packed any more: mcap unpacks to whatever size the packed data say."""
+    """The chunk with its data unpacked within a limit: mcap itself unpacks to whatever size the packed data state."""
     if chunk.compression == "zstd":
         # one byte more than is allowed tells that there is more, without unpacking it
         unpacker = library("zstandard", "reading a compressed MCAP file").ZstdDecompressor().stream_reader(chunk.data)

@@ -98,7 +98,7 @@ def _rgb(colour: FloatArray) -> str:
 
 
 def _axis(body: FloatArray, metal: FloatArray, film: FloatArray, *beside: FloatArray) -> FloatArray:
-    """Least squares with a little ridge: 1 on the body, 0 on film, film in shadow, metal, bright glare and what else is named."""
+    """Ridge regression of `body_axis`: 1 on the body, 0 on film, film in shadow, metal, glare and the other given colours."""
     rows = np.array([body, film, _SHADE * film, metal, np.minimum(1.3 * metal, 255.0), *beside]) / 255.0
     # four unknowns and colours that are nearly in one plane: without the ridge the mixture would be of huge opposite weights
     weight = np.array([4.0, 4.0, 1.0, 2.0, 1.0, *(2.0 for _ in beside)])[:, None]

@@ -41,7 +41,7 @@ _TO_BOARD = np.diag([_MM_TO_M, -_MM_TO_M, 1.0])
 
 
 def stamp_ns(timestamp: float | None) -> int | None:
-    """Capture time in seconds as whole nanoseconds; None where it is none that a ROS 2 time can hold (0 to 2³¹ s)."""
+    """Capture time in seconds as whole nanoseconds; None if a ROS 2 time cannot hold it (0 to 2³¹ s)."""
     if timestamp is None or not isfinite(timestamp) or not 0.0 <= timestamp < _LAST_S:
         return None
     # a float of seconds since 1970 holds 0.24 us: of the ns that read back as that float, those of its shortest decimals

@@ -16,8 +16,8 @@ from tactape_fab.sense.live.sources import Frame, Trouble, as_source
 USUAL_HZ = 25.0
 """Rate of a file without timestamps: a GelSight Mini's."""
 LONGEST_GAP_S = 3600.0
-"""Longest pause that a replay makes: who recorded two presses further apart does not wait for them, and stamps of 25 Hz in µs
-are 40,000 apart."""
+"""Files with longer pauses between timestamps are refused: their unit is not seconds (25 Hz in µs are 40,000 apart), or the
+replay would take hours."""
 LAST_S = 1e11
 """Timestamps from here on are no seconds since 1970: as such they are those of the year 5138, in ms those of 1973."""
 LONG_GAP_S = 10.0

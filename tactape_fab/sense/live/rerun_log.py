@@ -98,7 +98,7 @@ class RerunLog:
         self.close()
 
     def close(self) -> None:
-        """Write what is left, and close the file; a viewer that was closed before is no error.
+        """Flush and close the file; a viewer that was closed before is no error.
 
         Raises TactapeError when the file could not be written: Rerun's own thread wrote it, and says so only here.
         """

@@ -40,7 +40,7 @@ _MOST_BLEED = 0.3
 GrayImage = npt.NDArray[np.uint8]
 _F32 = npt.NDArray[np.float32]
 _Start = tuple[FloatArray, FloatArray]
-"""Rotation and translation of a tag, to start from."""
+"""Initial rotation and translation of a tag."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -89,7 +89,7 @@ class PixelFit:
         return side * (side - 1.0) - 8.0
 
     def to_px(self, gel_mm: FloatArray) -> FloatArray:
-        """Pixels that are looked at, of points on the gel right and down of the image centre; (n, 2)."""
+        """Points on the gel, mm right and down of the image centre, to pixels of the averaged image; (n, 2)."""
         return (self.camera.to_px(gel_mm + self.centre_mm) - (self.factor - 1) / 2) / self.factor
 
     def from_px(self, at_px: FloatArray) -> FloatArray:
@@ -106,8 +106,8 @@ class Patches:
     imprint (n,): Height if the blur of all dots is that of the fit; what noise does to it is a third of what it does to `height`.
     spread_mm2 (n, 2, 2): Covariance of `moved_mm` where the slopes' variance is 1.
     more_mm2, more_variance (n,): Half the blur's variance less that of the fit, and how much one knows of it.
-    left (n,): Squared differences that are left.
-    misfit (n,): Their share of those that are not the background's.
+    left (n,): Squared residual differences.
+    misfit (n,): Their share of the squared differences without the background's.
     """
 
     moved_mm: FloatArray

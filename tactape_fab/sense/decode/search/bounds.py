@@ -179,7 +179,7 @@ def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats, both: Fl
 
 @inner_kernel(fastmath=True)
 def _raise(out: Floats, one: float, others: Floats, first: bool) -> None:
-    """Raise values to sums with others where those are larger, the first time whatever they are."""
+    """Set each value to the maximum of itself and a sum with another; if `first`, to the sum."""
     if first:
         for k in range(len(out)):
             out[k] = one + others[k]

@@ -33,7 +33,7 @@ class Weights(NamedTuple):
     """Prior weights of places, before the dots' bits are looked at.
 
     place (4, 2): ln of the weight of one place, by turn, with all dots on the tape and with some over its edge.
-    turn (4,): ln of what speaks for each turn besides the bits; L = E times it.
+    turn (4,): ln of the factor for each turn besides the bits, as by the shape of the dots; L is E times that factor.
     """
 
     place: FloatArray

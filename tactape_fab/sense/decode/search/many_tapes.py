@@ -41,15 +41,15 @@ _FOUND = 0.5
 _PROMISING = 0.7
 """Groups whose bound reaches this share of the largest possible evidence (ln) are searched for a first guess."""
 _PLACES_A_SITE = 100
-"""Places in the plane that are bounded in the time in which one site is looked at."""
+"""Cost of searching one site, in places of the plane that are bounded in the same time."""
 _PLACES_AT_ONCE = 4
-"""Places in the plane that are bounded one after the other in the time of one by itself."""
+"""Consecutive places of the plane that are bounded in the time of a single one."""
 _FEW_PHASES = 16
-"""Phases of a line up to which what the dots say everywhere in the plane is kept: megabytes, and less than its bounds take."""
+"""Up to so many phases the evidence at every place of the plane is kept: megabytes, and faster than bounds."""
 _PLACES_BOUNDED = 0.5
-"""Places in the plane that are bounded in another way in the time of one of a site by itself."""
+"""Cost of bounding one place of the plane in one more way, over that of evaluating one place of a site."""
 _PLACES_SAID = 2
-"""Places in the plane that are looked at with all their phases in the time of one of a site by itself."""
+"""Cost of computing the evidence of one place of the plane for all phases, over that of evaluating one place of a site."""
 _ANYTHING = 1e6
 """An offset that makes any bound pass, small enough that a sum with it keeps its digits."""
 

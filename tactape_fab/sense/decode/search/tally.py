@@ -73,14 +73,14 @@ def says_nothing(tally: Tally) -> bool:
 class Candidate(NamedTuple):
     """One group of places on one site, with its bounds and prior weights.
 
-    known: Bounds of what the x bits say at each column of the group, which are looked at one by one then; or empty.
+    known: Upper bounds of the x bits' evidence at each column of the group, which is then searched column by column; or empty.
     place (3, 2): The site's entry in `Sites.table`.
     at: Turn and site.
     group (9,): From `groups.groups_of`.
-    limit: Bounds of what the x and the y bits say.
+    limit: Upper bounds of the evidence of the x and of the y bits.
     of: ln of the number of places of the group on all sites.
-    terms: ln of the weight of each place, and ln of what speaks for its turn besides the bits.
-    holed (2, m + 1): `Sites.holed` of the site: places where the dots reach over lines of both axes that have holes are left out.
+    terms: ln of the prior weight of each place, and ln of the prior of its turn.
+    holed (2, m + 1): `Sites.holed` of the site: places where the dots reach lines with holes on both axes are left out.
     """
 
     known: Floats
@@ -100,7 +100,7 @@ class Buffers(NamedTuple):
     most (2, k): The largest of each.
     shares (k,): exp of the largest of each row, over the largest of all.
     rows (2, k): Rows of a group that are over holes, and the same modulo L.
-    said (2, m + 1, 2 L): Evidence of the dots of a group along its columns and rows, from `say_group`; the last row zero.
+    said (2, m + 1, 2 L): Evidence of a group's dots along its columns and rows, from `say_group`; the last row is zero.
     allowed (L, L): Sectors that are not barred.
     """
 
@@ -157,7 +157,7 @@ def drop(bound: float, places: float, of: float, terms: tuple[float, float], sum
 
     bound: ln E that none of them exceeds.
     places, of: How many there are, and ln of how many in their group on all sites: all of these together may be negligible.
-    terms: ln of the weight of each, and ln of what speaks for its turn besides the bits.
+    terms: ln of the prior weight of each, and ln of the prior of its turn.
     """
     if bound >= least_of(of, terms, sums):
         return False
@@ -183,10 +183,10 @@ def say_group(tables: Tables, turn: int, group: IntArray, buffers: Buffers) -> N
 
 @inner_kernel(no_rewrites=False)
 def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, tally: Tally, buffers: Buffers) -> None:
-    """One group of places on one site: the axis with fewer places first, the other only if that may matter.
+    """Count one group of places on one site: the axis with fewer places first, the other only if it may matter.
 
-    Of one sector's lines only the phases are looked at that they have somewhere in the group: column c shows the x phases
-    r + u of the group's rows r, and row r the y phases c + v of its columns (docs/codes.md).
+    For a single sector only the phases that occur in the group are evaluated: column c shows the x phases r + u of the group's
+    rows r, and row r the y phases c + v of its columns (docs/codes.md).
     Without `barred` no site holds all sectors.
     """
     known, place, group, limit, terms = candidate.known, candidate.place, candidate.group, candidate.limit, candidate.terms
@@ -241,7 +241,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
 
 @inner_kernel()
 def weigh_known(candidate: Candidate, said: Floats, of_rows: Floats, tally: Tally, buffers: Buffers) -> None:
-    """One group of places on one site where what the dots say everywhere is known, that is entries of `ManyBuffers.said`.
+    """Count one group of places on one site from precomputed evidence, entries of `ManyBuffers.said`.
 
     of_rows: The largest of it at each row of the group.
     """
@@ -273,11 +273,11 @@ def over_holes(holed: IntArray, group: IntArray, axis: int, place: int) -> bool:
 def _count_sector(
     candidate: Candidate, tally: Tally, lines: tuple[Floats, Floats], most: FloatArray, first: tuple[int, int]
 ) -> None:
-    """Places of a group where one sector lies.
+    """Count the places of a group on a site of one sector.
 
     lines: Evidence of the group's columns, and of its rows, by phase.
     most (2, k): The largest of each; NEVER for columns that were counted already.
-    first: Where the phase of the first row is in what columns say, and that of the first column in what rows say.
+    first: Index of the first row's phase in the evidence of columns, and of the first column's phase in that of rows.
     """
     place, group, terms = candidate.place, candidate.group, candidate.terms
     (of_columns, of_rows), y_phase, y_best = lines, first[1], NEVER
@@ -343,7 +343,7 @@ def _first_of(barred: IntArray, site: int) -> int:
 
 @inlined_kernel()
 def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, buffers: Buffers) -> None:
-    """Places of a group where any sector may lie but the barred ones: every pair of phases is one sector."""
+    """Count the places of a group on a site of all sectors but the barred ones: every pair of phases is one sector."""
     at, group, of, terms = candidate.at, candidate.group, candidate.of, candidate.terms
     row, column = candidate.place[ORIGIN, 1] + group[Y], candidate.place[ORIGIN, 0] + group[X]
     length, x_most, y_most, y_shares, shares, left_out = buffers.lines.shape[2], NEVER, NEVER, 0.0, 0.0, NEVER
