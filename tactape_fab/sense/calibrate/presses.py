@@ -22,8 +22,8 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, Int
 from tactape_fab.texture.tape import Tape
 
 ONE_SIDED, REACH_PITCHES, LEAST_AMID = 0.5, 1.6, 12
-"""Mean of the directions of a dot's neighbours, each of length 1, from which it is at the rim; how far a neighbour is; and
-how many dots amid others a press needs to do without those at the rim."""
+"""Length of the mean unit vector to a dot's neighbours from which on it is at the rim; largest distance of a neighbour; and least
+number of surrounded dots of a press for which those at the rim are left out."""
 SIDE_MM = BACKGROUND_MM / 2.0
 """Dots nearer to the image's sides are left out: the detector's band-pass takes a mean over twice that, which the side cuts."""
 
@@ -40,9 +40,9 @@ class Press:
     rim_mm (n, 2): Correction of dots at the rim, on the gel along u and v.
     texture_mm (n, 2): Positions of their parts: as built if the answer rests on those, else nominal.
     weights (n,): Height over that of a whole dot, times trust; at most 1.
-    amid (n,): Dots with others on all sides, and off the image's sides: what the filter draws alike in all presses is not seen in
-        them.
-    pushed, pulled (n, 2): What neighbours and the rim do to each, along u and v, for a push and a pull of 1; see
+    amid (n,): Dots with others on all sides, and off the image's sides: free of shifts by the filter that are the same in all
+        presses.
+    pushed, pulled (n, 2): Shift of each by neighbours and by the rim, along u and v, for a push and a pull of 1; see
         `decode.grid.posterior`.
     theta_rad: The decoder's answer, to start from.
     fine: Whether centres come from the pixels (`refined`).

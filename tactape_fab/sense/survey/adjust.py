@@ -11,7 +11,7 @@ drift of all parts together cannot be told from one of all poses. The poses of a
 whole tape are unknowns as well, about which the d_j scatter (`bend.Bend`).
 
 Each part is a block of its own given poses and camera, so parts are eliminated (Schur complement; Triggs et al., Bundle
-adjustment, 2000, section 6), what is left is solved by Cholesky, and the variances of the d_j are exact for the linear problem.
+adjustment, 2000, section 6), the rest is solved by Cholesky, and the variances of the d_j are exact for the linear problem.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ MOST_LEFT_MM, MOST_LEFT_RAD, MOST_LEFT_SIGMAS = 1.0, 0.1, 3.0
 """Limits of the median residual of a robot's poses, absolute or in their own sigmas; poses of other frames exceed them."""
 
 LEAST_POSES = 20
-"""Poses of a robot that show a stretch and bend: ten, of 80 contacts on a flat tape, make its places less exact."""
+"""Fewest poses of a robot for an estimate of stretch and bend: ten, with 80 contacts on a flat tape, make parts less exact."""
 
 PATCH_MM, PATCHES = 4.0, 50
-"""Neighbours are the parts within this distance, about those of a contact; and so many such patches are looked at."""
+"""Radius of a patch of neighbouring parts, about that of a contact; number of patches from which drift is computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -235,7 +235,7 @@ def _camera(sensor: SensorProfile, common: FloatArray) -> Camera:
 
 
 def _rates(q: FloatArray, centre: FloatArray, rows: _Rows, sensor: SensorProfile, camera: Camera) -> FloatArray:
-    """Derivatives by `COMMON` of dots' places on the gel, from the image centre; (m, 2) to (6, m, 2)."""
+    """Derivatives by `COMMON` of the dots' positions q (m, 2) on the gel, from the image centre; (6, m, 2)."""
     from_centre = q + centre
     rates = np.zeros((len(COMMON), *q.shape))
     # q = M^-1 (straightened px), to first order in aspect, shear and k1 about the profile: a Gauss-Newton step only needs the
@@ -253,7 +253,7 @@ def _rates(q: FloatArray, centre: FloatArray, rows: _Rows, sensor: SensorProfile
 
 
 class _Arm:
-    """Poses by a robot, in a frame of its own that is found too: board point p is at t + R_ccw(phi) p; `at` is (t, phi)."""
+    """Poses by a robot in its own frame, which is unknown too: board point p is at t + R_ccw(phi) p there; `at` is (t, phi)."""
 
     def __init__(self, robot: Sequence[RobotPose], contacts: Sequence[Contact], poses: FloatArray) -> None:
         known = {pose.frame: pose for pose in robot}

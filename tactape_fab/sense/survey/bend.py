@@ -8,7 +8,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.texture.frames import FloatArray
 
 LEAST_BEND_MM, MOST_BEND_MM = 0.0005, 0.3
-"""Stretch and bend of a tape, root mean square over its parts: the least, which is the one to start from, and the most."""
+"""Stretch and bend of a tape, root mean square over its parts: least, which is the initial value, and largest."""
 
 
 class Bend:
@@ -37,7 +37,7 @@ class Bend:
         return (self.amplitude_mm @ self.modes).reshape(2, -1).T
 
     def refuse_other_units(self) -> None:
-        """Refuse a tape that no film becomes: the poses are of another scale, or of another frame. Raises SpecError."""
+        """Refuse a stretch and bend too large for a film: the poses have another scale, or another frame. Raises SpecError."""
         most_mm = float(np.sqrt((self.shift_mm**2).sum(axis=1).mean()))
         if most_mm > MOST_BEND_MM:
             message = (

@@ -21,8 +21,8 @@ from tactape_fab.texture.tape import Tape
 LEAST_DOTS = 6
 """Fewest dots of a contact: fewer tell hardly more than its own pose."""
 LEAST_NEIGHBOURS, MOST_UNSEEN = 5, 1
-"""Neighbouring grid points that must show a dot for a part amid them to be expected, and those that may not: at a contact's rim
-there are three and more."""
+"""A part is expected if at least the first number of neighbouring grid points show a dot, and at most the second do not: at a
+contact's rim three or more do not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ class Ground:
 
 
 def ground_of(tape: Tape) -> Ground:
-    """The design of a tape; measured places are not looked at."""
+    """The design of a tape, without measured positions."""
     part_at = np.full((tape.rows, tape.columns), -1)
     part_at[tape.placed] = np.arange(tape.part_count)
     return Ground(tape=tape, part_at=part_at, nominal_mm=board_to_texture(tape.part_xy_mm(), tape.board.texture_origin_mm))

@@ -14,13 +14,13 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 LEAST_CONTACTS, LEAST_PARTS = 3, 10
-"""Contacts of either copy, and parts that two and more contacts of each show: what fewer say may be a gel that slid."""
+"""Fewest contacts of each copy, and fewest parts that two or more contacts of each show: with fewer it may be a gel that slid."""
 LEAST_RATIO, LEAST_APART_MM = 5.0, 0.015
-"""Squared distance of a part in one group of contacts from where it is in the other, over what errors of dots make of it, median;
+"""Median of a part's squared distance between both groups of contacts, over that expected from errors of dots;
 and the distance. Simulated contacts of one tape have a ratio of 2 at most where they are split so that they differ most, with a
 gel displaced by 50 um as well; those of two copies, placed to 0.02 mm and worse, 9 and more."""
 MOST_ALIKE = 0.5
-"""Correlation of neighbours' distances from which on these are no placement: a lens or gel moves neighbours alike."""
+"""Correlation of neighbours' shifts from which on they are not due to placement: a lens or gel shifts neighbours alike."""
 _ROUNDS = 20
 _MOST_NAMED = 10
 
@@ -65,7 +65,7 @@ def refuse_copies(frames: Sequence[int], contact: IntArray, part: IntArray, left
 def refuse_other_start(
     part: IntArray, left_mm: FloatArray, shift_mm: FloatArray, before_mm: FloatArray, sigma_mm: FloatArray
 ) -> None:
-    """Refuse measured places to start from that fit the contacts worse than the design, as of another copy. Raises SpecError.
+    """Refuse initial measured places that fit the contacts worse than the design, as of another copy. Raises SpecError.
 
     Dots then seem to scatter, as nothing else may give way, and what comes out is neither copy.
 

@@ -32,7 +32,7 @@ from tactape_fab.texture.tape import Tape
 
 LEAST_CONTACTS = 10
 MOST_CONTACTS = 3000
-"""More take more memory than is fair (the square of three times as many numbers): survey them in parts, each --from the last."""
+"""Limit of memory, which grows as (3 contacts)^2: survey more of them in parts, each --from the last."""
 LEAST_EXPECTED = 2
 """A part is missing if at least so many contacts have dots all round it, and no contact ever shows it."""
 DRIFT_ERROR = 2.2
@@ -60,7 +60,7 @@ class Survey:
     parts: int
 
     def to_mapping(self) -> dict[str, Any]:
-        """The figures as plain values. ``nuisance`` has the camera with whatever else bends dots: it is no calibration."""
+        """The figures as plain values. ``nuisance`` has camera parameters that absorb other distortions too: no calibration."""
         a = self.adjusted
         return {
             "tape": self.as_built.tape,
@@ -234,7 +234,7 @@ def _located(
 
 
 def _once(frames: Iterable[npt.NDArray[Any]]) -> Iterator[npt.NDArray[Any] | None]:
-    """Frames; None for each that is an earlier one value by value: its errors are the same, so it says nothing more."""
+    """Frames, with None for each exact repeat of an earlier one: its errors are the same, so it adds no information."""
     before: set[bytes] = set()
     for depth in frames:
         # as the decoder reads them: a copy that was saved in another type is the same frame

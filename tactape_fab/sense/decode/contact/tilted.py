@@ -43,7 +43,7 @@ So (`RELIABLE` - weight) / `STEEPNESS` of what it misses is left, but at least t
 BORDER_MM, AT_BORDER = 0.65, 0.3
 """So near the image's border the filter mirrors a part, and its top is 5 to 25 um too far inside; largest weight of such dots."""
 LEAN_MM = 0.03
-"""How far beside the top of a part, over the slope, its dot may be."""
+"""Standard deviation of a dot's offset from the top of its part, over the slope of the tape."""
 USUAL_MM, USUAL_DOTS = 0.011, 3.0
 """Prior standard deviation of a dot under a tilt, and the number of dots that it counts as: the scatter of 17 dots, to which nine
 unknowns were fitted, is often too small by chance. A larger scatter is used as it is."""

@@ -24,7 +24,7 @@ LEAST_PATCHES = 8
 LEAST_AGREEING = 6
 """Refined dots that agree with a pose; the scatter of fewer is chance."""
 RIM_MM = 2.5
-"""Neighbours within this distance say where the contact's middle lies."""
+"""Neighbours within this distance give the direction to the contact's middle."""
 PULL_MM, PULL_WEIGHT, PULL_SCATTER = 0.27, 0.05, 0.35
 """How far a rim draws a dot inwards for each unit of its missing height m, as m / (1 + 2 m), believed before the frame is seen;
 how many squared units this belief counts as; and by what share one dot differs from another. On frames without noise, for small
@@ -34,9 +34,9 @@ HEIGHT_ERROR, AT_RIM, AT_RIM_STEP = 5.5, 2.1, 0.5
 """Error of a whole dot's height as a share of it, over that of its place, 1/mm; how many of them are missing where a dot is as
 likely at the rim as not; and width of the step. A dot of 3 um has a height of 1.65 %: most that miss less are whole."""
 LEVEL_ERROR = 0.02
-"""Share of its height that a dot must miss to be looked at as one at the rim."""
+"""Least missing share of its height for a dot to be treated as one at the rim."""
 LEAST_INNER = 4
-"""Dots inside the contact that say what a whole dot is; the higher half of all where they are fewer."""
+"""Least number of dots inside the contact from which a full dot's height is taken; with fewer, from the higher half of all."""
 MOST_MISFIT = 0.8
 """Share of the slopes' power around a dot that its relief may leave unexplained; more is noise."""
 MOST_EXCESS = 9.0
@@ -47,7 +47,7 @@ FEW_SCATTER / n larger, as that of few is chance: of 7x7 mm, with a dozen whole 
 MOST_MOVE = 25.0
 """Largest squared distance, in the covariance of the dots' pose, by which the pixels may move it: chance has more in 2e-5."""
 MOVE_FLOOR = np.diag([0.003, 0.003, 0.0005]) ** 2
-"""Errors of the dots' pose that their scatter does not show, mm, mm and rad: of 100 frames one was off by 5 um, 5 sigma."""
+"""Covariance of the dots' pose that their scatter does not show, mm, mm and rad: of 100 frames one was off by 5 um, 5 sigma."""
 LEAST_SIGMA_MM = 0.0005
 USUAL_MM = 0.005
 """Initial standard deviation of dots, mm, besides the pixels' noise."""

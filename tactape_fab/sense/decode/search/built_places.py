@@ -36,7 +36,7 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, SymbolAr
 from tactape_fab.texture.tape import Tape
 
 LN_SHARE, LN_REST = log(0.9), log(0.1)
-"""ln of the weights of the measured places of a tape, and of those of the design: a file may be of another copy of the tape."""
+"""ln of the prior weights of a tape's measured places, and of the design's: the file may be of another copy of the tape."""
 CANDIDATES = 64
 """Number of places, those of most evidence by the design, that are weighed anew unless the best one is clear. Of 100 contacts of
 6.5 mm with parts placed to 0.1 mm, 96 are located with so many, and with 2,000."""
