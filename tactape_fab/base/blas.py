@@ -1,4 +1,4 @@
-"""BLAS with one thread: more bring nothing to small systems, and on a busy machine each waits for the others."""
+"""OpenBLAS on one thread: more threads do not speed up small systems, and on a busy machine they wait for each other."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for each OpenBLAS in this process, as the wheels of numpy and scipy bring their own; on Linux alone.
+    """Context manager: every OpenBLAS in this process uses one thread (numpy and scipy each bundle one); Linux only.
 
     OPENBLAS_NUM_THREADS, which commands set, is read when numpy is imported.
     """
@@ -26,7 +26,7 @@ def one_thread() -> Iterator[None]:
 
 
 def thread_counts() -> list[tuple[Callable[[], int], Callable[[int], Any]]]:
-    """Of each OpenBLAS in this process: what reads its number of threads, and what sets it."""
+    """Getter and setter of the number of threads, for each OpenBLAS loaded in this process."""
     found = []
     with suppress(OSError):  # no Linux, or a library that was replaced since
         mapped = Path("/proc/self/maps").read_text(encoding="utf-8", errors="surrogateescape")

@@ -57,10 +57,10 @@ def zip_date() -> datetime:
 
 
 def zip_entry(name: str, date: datetime) -> zipfile.ZipInfo:
-    """A deflated member of a zip, which is described alike on every system."""
+    """Header of a deflated zip member; its bytes are the same on every system."""
     entry = zipfile.ZipInfo(name, date.timetuple()[:6])
     entry.compress_type = zipfile.ZIP_DEFLATED
-    # 3 is Unix, whose permissions stand in the upper 16 bits; Python would write the system that it runs on
+    # 3 is Unix, whose permissions are in the upper 16 bits; by default Python writes the system that it runs on
     entry.create_system = 3
     entry.external_attr = 0o644 << 16
     return entry

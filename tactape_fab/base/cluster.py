@@ -1,7 +1,7 @@
-"""Executor of a Dask cluster that the user names: calls go to its scheduler, which gives them to workers on any machine.
+"""Executor on a Dask cluster that the user names: calls go to its scheduler, which distributes them to its workers.
 
-Dask sends calls and answers as pickles: scheduler, workers and this process run each other's code. Nothing connects to a
-scheduler but the one that the user names, and nothing listens.
+Dask sends calls and results as pickles, so scheduler, workers and this process can run each other's code. This process connects
+only to the scheduler that the user names, and does not listen.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ R = TypeVar("R")
 _PATIENCE_S = 10.0
 """Time for a scheduler to answer, and for its first worker to be there, s."""
 _UNREAD = "deserialization of the task graph"
-"""In what Dask says of a scheduler that lacks a module of a call."""
+"""Part of Dask's error when the scheduler lacks a module that a call needs."""
 _ALONE = threading.Lock()
 """Held by the call that a worker runs: functions here may change the current folder, which all threads share."""
 
@@ -36,7 +36,7 @@ class LostClusterError(TactapeError):
 
 
 class OtherWorkerError(TactapeError):
-    """A worker has other versions than this process, so that its answers may differ, or the scheduler cannot read its calls."""
+    """A worker has other versions than this process, so its results may differ, or the scheduler cannot unpickle calls."""
 
 
 class ClusterPool(Executor):
@@ -51,7 +51,7 @@ class ClusterPool(Executor):
         self._asked: set[Any] = set()
         distributed = library("distributed", f"--workers {address}")
         for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]:
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters of their logs is raised
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters in their logs is raised as an error
         _refuse_no_certificate(distributed, address)
         try:
             self._client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
@@ -83,7 +83,7 @@ class ClusterPool(Executor):
         self.stop()
 
     def stop(self) -> None:
-        """Withdraw what no worker has begun, and leave the cluster."""
+        """Cancel calls that no worker has begun, and leave the cluster."""
         with suppress(Exception):
             self._client.cancel(list(self._asked), force=True)
         self._asked.clear()
@@ -94,10 +94,10 @@ class ClusterPool(Executor):
         self.stop()
 
     def _answered(self, answer: Future[R], asked: Any) -> None:
-        """Hand on the answer of the cluster; in a thread of the client."""
+        """Pass the cluster's result to the caller's future; called in a thread of the client."""
         try:
             answer.set_result(asked.result(timeout=None))
-        except BaseException as error:  # CancelledError is none of Exception
+        except BaseException as error:  # CancelledError is not an Exception
             answer.set_exception(self._said(asked, error))
         finally:
             self._asked.discard(asked)
@@ -105,7 +105,7 @@ class ClusterPool(Executor):
     def _said(self, asked: Any, error: BaseException) -> BaseException:
         if asked.status != "error":
             return self._lost()
-        # by name, as the class is one of an optional library; as a process that was killed (SIGKILL is 9)
+        # by name, as the library is optional; reported like a process that SIGKILL (9) ended
         if type(error).__name__ == "KilledWorker":
             return LostProcessError(-9)
         if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] == __name__.partition(".")[0]:
@@ -122,7 +122,7 @@ class ClusterPool(Executor):
 
 
 def _refuse_no_certificate(distributed: Any, address: str) -> None:
-    """Refuse tls:// without certificates, of which Dask raises a TypeError, and hangs. Raises LostClusterError."""
+    """Refuse tls:// without certificates, on which Dask raises a TypeError and hangs. Raises LostClusterError."""
     if not address.startswith("tls://"):
         return
     try:
@@ -136,12 +136,12 @@ def _refuse_no_certificate(distributed: Any, address: str) -> None:
 
 
 def _own() -> dict[str, str]:
-    """Versions that may decide a byte of an answer: those of kits, and that of numba, without which kernels round otherwise."""
+    """Versions on which bytes of a result may depend: those recorded in kits, and numba's, as kernels may round differently."""
     return {"tactape-fab": __version__, **versions_in_kits(), **({"numba": version("numba")} if COMPILED else {})}
 
 
 def _called(theirs: dict[str, str], function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
-    """The call in a worker: refused where its versions are not those of who asks."""
+    """Run a call in a worker; refused if the worker's versions are not the caller's."""
     own = _own()
     other = [f"{k} {own.get(k, 'none')} instead of {v}" for k, v in theirs.items() if own.get(k) != v]
     if other:

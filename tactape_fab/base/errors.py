@@ -95,8 +95,8 @@ class Check:
 
 
 def _plain_numbers(line: Finding | Check, *names: str) -> None:
-    """Python's bool and float in place of numpy's, None if nothing was measured, so that every line can be JSON; and texts
-    without control characters, as they hold names and values of untrusted files.
+    """Make every line fit for JSON: Python's bool and float in place of numpy's, None for NaN and infinity, and no control
+    characters in texts, which may quote untrusted files.
     """
     object.__setattr__(line, "message", one_line(line.message))
     if isinstance(line, Check):
@@ -105,7 +105,7 @@ def _plain_numbers(line: Finding | Check, *names: str) -> None:
     for name in names:
         value = getattr(line, name)
         if value is not None:
-            # NaN and infinity are no JSON: nothing was measured
+            # JSON has no NaN or infinity, which mean here that nothing was measured
             object.__setattr__(line, name, float(value) if isfinite(value) else None)
 
 
@@ -122,12 +122,12 @@ class Problem:
 
     @property
     def root(self) -> str:
-        """The option that the key belongs to: ``size_mm`` of ``size_mm[0]``, ``fab`` of a key of the fab's profile."""
+        """The option that the key belongs to: ``size_mm`` for ``size_mm[0]``, ``fab`` for a key of the fab's profile."""
         return re.split(r"[ .\[:]", self.key)[0]
 
     @property
     def of_file(self) -> bool:
-        """Whether the sentence is of a key in a file, as ``fab mine: name`` is, and its names are the file's."""
+        """Whether the key is one in a file, such as ``fab mine: name``, so that names in the message are the file's."""
         return ": " in self.key
 
 
@@ -225,7 +225,7 @@ class VerifyError(TactapeError):
 
 
 class LostProcessError(Exception):
-    """A process died before it answered, with this exit status (negative: number of a signal); the text says so of it."""
+    """A process ended before it answered; its exit status is negative if a signal ended it, and the message says which."""
 
     def __init__(self, exit_status: int) -> None:
         super().__init__(f"was ended by signal {-exit_status}" if exit_status < 0 else f"ended with status {exit_status}")
@@ -233,12 +233,12 @@ class LostProcessError(Exception):
 
 
 def reason_of(error: Exception) -> str:
-    """The system's reason of a failure, without its number and path; the text of the error where no system call failed."""
+    """The system's text for a failure, without errno and path; the error's own text if no system call failed."""
     return getattr(error, "strerror", None) or str(error)
 
 
 def tried(read: Callable[[], T], problems: list[Problem]) -> T | None:
-    """Result of a reader; None if it raises SpecError, whose problems are added to the list."""
+    """Result of `read`; None if it raises SpecError, whose problems are appended to the list."""
     try:
         return read()
     except SpecError as error:

@@ -13,21 +13,21 @@ from tactape_fab.base.errors import Problem
 
 _SHOWN_CHARACTERS = 60
 _MOST_UNKNOWN = 20
-"""Unknown keys of a table that are named."""
+"""Most unknown keys of one table that are reported one by one."""
 _SHOWN_PATH = 200
 
 
 def shown(value: object) -> str:
     """A value as text for a message: one short line."""
     try:
-        text = re.sub(r"\s*\n\s*", " ", repr(value))  # as arrays have
+        text = re.sub(r"\s*\n\s*", " ", repr(value))  # the repr of an array has line breaks
     except (ValueError, RecursionError):  # an integer of thousands of digits (sys.int_info), or tables within tables
         text = f"<{type(value).__name__} too long to show>"
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
 
 
 def shown_path(path: object) -> str:
-    """A path as text for a message: its end, which names the file, is never cut off."""
+    """A path as text for a message; a long one is cut at its beginning, so that the file's name stays."""
     text = str(path)
     text = text if text.isprintable() else repr(text)
     return text if len(text) <= _SHOWN_PATH else "..." + text[-_SHOWN_PATH:]
@@ -47,7 +47,7 @@ def _range_text(low: float, high: float, above: float, below: float, of_unit: st
 
 
 def nearest(value: str, known: Sequence[str]) -> str | None:
-    """The known name that was probably meant: one that differs in case or a letter, or with a word that begins with the value."""
+    """The known name that was probably meant: it differs in case or by a letter, or one of its words begins with the value."""
     folded = {name.casefold(): name for name in known}
     if value.casefold() in folded:
         return folded[value.casefold()]
@@ -163,12 +163,12 @@ class Fields:
         )
 
     def _each(self, key: str, count: int, what: str, of_unit: str, remedy: str) -> Fields | None:
-        """The items of a sequence of exactly `count`, each under a key of its own, as ``size_mm[0]``; None if it is none."""
+        """The items of a sequence of length `count`, each under its own key such as ``size_mm[0]``; None if it is not one."""
         if key not in self.values:
             self._missing(key, f"{count} {what}{of_unit}")
             return None
         value = self.values[key]
-        # a string is a sequence, too: of three letters
+        # a string is a sequence as well: "abc" would be three items
         if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
             self.problem(key, f"{key} = {shown(value)} is not {count} {what}; {remedy or f'give a list of {count}'}")
             return None

@@ -1,4 +1,4 @@
-"""as_path: a path that a program gives, or one clear refusal of anything else."""
+"""Check of path arguments of public functions."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from tactape_fab.base.fields import shown
 
 
 def as_path(value: object, key: str, remedy: str) -> Path:
-    """The path of a text or of a path-like object.
+    """A string or path-like object as a Path.
 
     key: Name of the argument.
-    remedy: What it should be the path of, after "give".
+    remedy: What path to give; the message has it after "give".
     Raises SpecError if it is neither.
     """
     if isinstance(value, str | PathLike) and isinstance(text := fspath(value), str):

@@ -1,4 +1,4 @@
-"""Values that a program gives to a function: of the declared type, or one clear refusal."""
+"""Checks of the types and shapes of arguments of public functions."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def refuse_other(value: object, kind: type | tuple[type, ...], key: str, what: s
     """Refuse a value of another type.
 
     key: Name of the argument.
-    what: What it should be, after "is no".
-    remedy: What to give, after "give".
+    what: The expected thing; the message has it after "is no".
+    remedy: What to give; the message has it after "give".
     Raises SpecError if it is of none of the types.
     """
     if not isinstance(value, kind):
@@ -25,7 +25,7 @@ def refuse_other(value: object, kind: type | tuple[type, ...], key: str, what: s
 
 
 def unmasked(value: Any) -> Any:
-    """Values with NaN for those that a masked array masks; all others unchanged."""
+    """A masked array of numbers with NaN for its masked values; anything else unchanged."""
     # numpy 2 loads `ma` where it is first named, in 12 ms: before that there is no masked array
     if "numpy.ma" not in sys.modules or not isinstance(value, np.ma.MaskedArray) or value.dtype.kind not in "fiub":
         return value
@@ -35,11 +35,11 @@ def unmasked(value: Any) -> Any:
 def as_numbers(
     value: object, shape: tuple[int | None, ...], key: str, remedy: str, *, finite: bool = True, flat: bool = False
 ) -> npt.NDArray[np.float64]:
-    """An array of numbers of a shape, in double precision; NaN for those that are masked.
+    """A float64 array of the given shape; masked values become NaN.
 
     shape: Length along each axis; None for any.
-    flat: Whether a column, a row or any other arrangement is as good as one axis.
-    Raises SpecError if it is none, or not finite where that is asked for.
+    flat: Whether an array of several axes is flattened to one.
+    Raises SpecError if it is not such an array, or not finite where `finite` asks for that.
     """
     try:
         array = np.asarray(unmasked(value))

@@ -1,4 +1,4 @@
-"""Files of images: their headers, read before anything is unpacked, and OpenCV's unpacking."""
+"""Image files: their headers, which are checked before anything is decoded, and decoding by OpenCV."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from tactape_fab.base.libraries import library
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER = PNG_SIGNATURE + b"\x00\x00\x00\rIHDR"
 AS_STORED = "IMREAD_COLOR IMREAD_IGNORE_ORIENTATION"
-"""Modes of `unpacked`: three channels of 8 bits, blue first, as they lie in the file."""
+"""Modes of `unpacked`: three channels of 8 bits in the order BGR, not rotated by the EXIF orientation."""
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 _SILENT = 0
-"""OpenCV's level at which nothing is written to stderr."""
+"""OpenCV's log level that writes nothing to stderr."""
 _MOST_MARKERS = 1000
 _MOST_ENTRIES = 200
 _NO_FRAME = {0xC4, 0xC8, 0xCC}
-"""Of the JPEG markers C0 to CF those that start no frame (ITU-T T.81, table B.1)."""
+"""JPEG markers from C0 to CF that do not start a frame (ITU-T T.81, table B.1)."""
 _NO_SEGMENT = {0x00, 0x01, *range(0xD0, 0xDA)}
-"""JPEG markers without parameters (ITU-T T.81, table B.1), the image's begin and end among them; and a zero, which is none."""
+"""JPEG markers without parameters (ITU-T T.81, table B.1), SOI and EOI among them; and 00, which is not a marker."""
 _WHOLE_BYTES = {3: 2, 4: 4}
-"""Size of the types of a TIFF's whole numbers, SHORT and LONG."""
+"""Bytes of the integer types of TIFF, SHORT (3) and LONG (4)."""
 
 
 def unpacked(data: bytes, flags: str, purpose: str) -> npt.NDArray[Any] | None:
-    """The image that OpenCV reads from the bytes of a file; None if it is damaged.
+    """Decode the bytes of an image file with OpenCV; None if they are damaged.
 
-    flags: Names of OpenCV's modes, such as ``"IMREAD_COLOR IMREAD_IGNORE_ORIENTATION"``.
-    purpose: Named in the error when OpenCV is missing.
+    flags: Names of OpenCV's flags, such as ``"IMREAD_COLOR IMREAD_IGNORE_ORIENTATION"``.
+    purpose: What needs OpenCV, for the error if it is not installed.
     """
     cv2 = library("cv2", purpose)
     if not chunks_fit(data):
@@ -72,29 +72,29 @@ def png_size(data: bytes) -> tuple[int, int]:
 
 
 def jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
-    """Marker of each segment before the image data, and where its parameters begin (ITU-T T.81, B.1.1.4)."""
+    """Marker of each segment before the image data, and the offset of its parameters (ITU-T T.81, B.1.1.4)."""
     at = 2
     for _ in range(_MOST_MARKERS):
         if at + 14 > len(data) or data[at] != 0xFF:
             return
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        # libjpeg goes on two bytes behind such a marker, and would find another frame than who takes what follows for a length
+        # libjpeg continues two bytes after such a marker; reading a length there would lead to another frame than libjpeg's
         if marker in _NO_SEGMENT or (marker != 0xFF and length < 2):
             return
         yield marker, at + 4
-        # FF may stand before a marker any number of times as filling; the length counts its own two bytes
+        # any number of fill bytes FF may precede a marker; the length includes its own two bytes
         at += 1 if marker == 0xFF else 2 + length
 
 
 def jpeg_frame(marker: int, data: bytes, at: int) -> tuple[int, int, int, int] | None:
-    """Height, width, bits and channels of a segment that begins a frame (ITU-T T.81, B.2.2); None of any other."""
+    """Height, width, bits and channels from a start-of-frame segment (ITU-T T.81, B.2.2); None for any other segment."""
     if not 0xC0 <= marker <= 0xCF or marker in _NO_FRAME:
         return None
     return int.from_bytes(data[at + 1 : at + 3], "big"), int.from_bytes(data[at + 3 : at + 5], "big"), data[at], data[at + 5]
 
 
 class TiffDirectory:
-    """The first directory of a TIFF (TIFF 6.0, section 2): numbers by their tags.
+    """The first image file directory of a TIFF (TIFF 6.0, section 2): numbers by tag.
 
     Raises SpecError, with `remedy` at its end, if the directory is too long, has a tag twice, or the file ends in it.
     """
@@ -102,35 +102,35 @@ class TiffDirectory:
     def __init__(self, data: bytes, remedy: str) -> None:
         self._data, self._remedy = data, remedy
         self._order: Literal["little", "big"] = "little" if data.startswith(b"II") else "big"
-        # after the signature: where the first directory is; then its
-        # number of entries, each of 12 bytes (tag, type, count, value)
+        # after the signature comes the offset of the first directory; a
+        # directory has a count of entries of 12 bytes (tag, type, count, value)
         start = self._number(4, 4)
         count = self._number(start, 2)
         if count > _MOST_ENTRIES:
             raise SpecError(f"its header has {count} entries; {remedy}")
-        # four bytes after the last entry: where a next directory begins, 0 if there is none
+        # four bytes after the last entry: the offset of the next directory, 0 if there is none
         end = start + 2 + 12 * count
         self.several = any(data[end : end + 4])
         """Whether the file has a further directory."""
         self._entries = {self._number(at, 2): at for at in range(start + 2, end, 12)}
-        # libtiff takes the first of two
+        # a tag occurs twice, of which libtiff takes the first
         if len(self._entries) < count:
             raise SpecError(f"its header has a tag twice; {remedy}")
 
     def value(self, tag: int, default: int = 0) -> int:
-        """A whole number, the first of several. Raises SpecError if it is of another type, which libtiff may read otherwise."""
+        """An integer, the first of several. Raises SpecError if the type is another one, which libtiff may read differently."""
         at = self._entries.get(tag)
         if at is None:
             return default
         size = _WHOLE_BYTES.get(kind := self._number(at + 2, 2))
         if size is None:
             raise SpecError(f"tag {tag} in its header is of type {kind}, no whole number; {self._remedy}")
-        # up to four bytes stand in the entry itself
-        apart = self._number(at + 4, 4) * size > 4  # then the entry holds the place of the values
+        # values of up to four bytes are in the entry itself
+        apart = self._number(at + 4, 4) * size > 4  # the entry then holds the values' offset
         return self._number(self._number(at + 8, 4) if apart else at + 8, size)
 
     def fraction(self, tag: int) -> int:
-        """The whole number nearest to a fraction; 0 if there is none."""
+        """A RATIONAL, rounded to the nearest integer; 0 if the tag is missing."""
         if tag not in self._entries:
             return 0
         at = self._number(self._entries[tag] + 8, 4)

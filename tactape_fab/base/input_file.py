@@ -1,6 +1,6 @@
-"""Opening of untrusted files: regular ones only, without waiting for a writer.
+"""Opening of untrusted files: regular files only, never blocking.
 
-A FIFO that is named like a frame blocks whoever opens it until somebody writes to it, and a link to a device never ends.
+Opening a FIFO that has the name of a frame would block until somebody writes to it, and reading a device may never end.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from pathlib import Path
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Open a regular file for reading, through links.
+    """Open a regular file for reading; links are followed.
 
     Raises OSError if it cannot be opened, or is a FIFO, a device, a socket or a folder.
     """
-    # O_NONBLOCK: opening a FIFO does not wait for a writer. The type is asked of what is open, not of the name, which may change
+    # O_NONBLOCK: opening a FIFO does not wait for a writer. The type is that of the open file, as the name may be replaced
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0))
     try:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
@@ -31,7 +31,7 @@ def open_regular(path: Path) -> BufferedReader:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """The bytes of a regular file, one more than `most_bytes` at most, so that the caller can tell a file that is larger.
+    """The first ``most_bytes + 1`` bytes of a regular file: the caller sees by the last one that a file is too large.
 
     Raises OSError as `open_regular`.
     """
@@ -40,7 +40,7 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a regular file, which is read piece by piece, in 64 hexadecimal digits. Raises OSError as `open_regular`."""
+    """SHA-256 of a regular file as 64 hexadecimal digits; the file is read in pieces. Raises OSError as `open_regular`."""
     digest = hashlib.sha256()
     with open_regular(path) as stream:
         while piece := stream.read(1 << 20):
@@ -49,18 +49,18 @@ def sha256_of(path: Path) -> str:
 
 
 def begins_with(path: Path, mark: str) -> bool:
-    """Whether a regular file begins with some ASCII text. Raises OSError."""
+    """Whether a regular file begins with the ASCII text `mark`. Raises OSError."""
     return read_regular(path, len(mark)).startswith(mark.encode("ascii"))
 
 
 def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: int) -> bytes:
-    """The bytes of a member of a zip that unpacks to no more than `most_bytes`, whatever it says of itself.
+    """The bytes of a zip member, at most `most_bytes`, whatever size the zip states.
 
-    `ZipFile.read` unpacks all that the compressed bytes hold before it looks at the size that the directory gives.
+    `ZipFile.read` decompresses everything before it compares the size with that in the zip's directory.
 
-    Raises ValueError if it unpacks to more, or to other than the zip announces.
-    Raises zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError if it is damaged, encrypted, or packed in a
-        way that Python does not know.
+    Raises ValueError if it has more bytes, or another number than the zip states.
+    Raises zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError if it is damaged, encrypted, or compressed
+        by a method that Python does not know.
     """
     with archive.open(entry) as member:
         data = member.read(most_bytes + 1)
@@ -72,9 +72,9 @@ def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: in
 
 
 def mode_of(path: Path) -> int | None:
-    """Mode of what has a name, that of a link if it is one; None where nothing has.
+    """File mode of a path, of the link itself if it is one; None if nothing is there.
 
-    Raises OSError or ValueError where the name is invalid on every system or cannot be looked at: `Path.exists` says so up to
+    Raises OSError or ValueError if the name is invalid on every system or cannot be looked up; `Path.exists` raises these up to
     Python 3.13 only.
     """
     try:

@@ -1,4 +1,4 @@
-"""Reader of untrusted JSON: of bounded size as objects, each key once, no NaN."""
+"""Reader of untrusted JSON: a bounded number of values, unique keys, no NaN."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 from tactape_fab.base.fields import shown
 
 MOST_VALUES = 2_000_000
-"""Values, keys and ends of lists in one text: as objects of Python they take some 200 MB."""
+"""Most values, keys and brackets of one text: as Python objects they take some 200 MB."""
 
 
 def parse_json(data: bytes, *, most_values: int = MOST_VALUES) -> Any:
-    """The content of a JSON text.
+    """Parse a JSON text.
 
-    most_values: Most commas, colons and opened brackets. The number of objects is below it, wherever they are.
+    most_values: Largest number of commas, colons and opening brackets, which bounds the number of objects.
     Raises ValueError if it is not JSON, nested too deep, holds NaN or Infinity, a key twice in one object, or too many values.
     """
     marks = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))
@@ -28,12 +28,12 @@ def parse_json(data: bytes, *, most_values: int = MOST_VALUES) -> Any:
 
 
 def _refuse_constant(name: str) -> Any:
-    """Refuse NaN and Infinity, which are no JSON, and which Python reads."""
+    """Refuse NaN and Infinity, which Python reads although JSON does not have them."""
     raise ValueError(f"{name} is no JSON")
 
 
 def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object whose keys differ: of two alike, readers take one or the other."""
+    """A JSON object; a repeated key is refused, as readers differ in which value they take."""
     content = dict(pairs)
     if len(content) < len(pairs):
         twice, _ = Counter(key for key, _ in pairs).most_common(1)[0]

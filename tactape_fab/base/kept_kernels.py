@@ -1,8 +1,8 @@
-"""Compiled kernels on the disk: each is kept with a digest of all that it was made of, and taken again for the same alone.
+"""Compiled kernels on disk: each is stored with a digest of everything it was compiled from, and reused only if that is equal.
 
-numba compares the date and size of one source file, and the function's own bytecode. A constant, or a kernel in another file that
-is compiled into this one, may have changed since, as where a checkout is updated. And numba writes the index before the code: a
-start that is killed between them, or finds the disk full, leaves the code of another version under the index of this one.
+numba itself compares the date and size of one source file, and the function's own bytecode. A constant, or a kernel of another
+file that is compiled into this one, may have changed since, for instance when a checkout is updated. And numba writes the index
+before the code: a process that is killed in between, or finds the disk full, leaves old code under the new index.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Key = tuple[Any, ...]
 
 
 def keep_whole(kernel: Any) -> None:
-    """Have a kernel that numba keeps on the disk be kept so; does nothing for one that is not kept.
+    """Make numba's disk cache of a kernel use the digest; does nothing for a kernel that is not cached.
 
-    It is compiled anew where what is kept of it cannot be read, or is of something else; and used where it cannot be kept.
+    The kernel is recompiled if the stored code cannot be read or has another digest, and still usable if it cannot be stored.
     """
     kept, file = kernel._cache, getattr(kernel._cache, "_cache_file", None)
     if file is not None:
@@ -34,8 +34,8 @@ def keep_whole(kernel: Any) -> None:
 
 
 def _load(kernel: Any, file: Any, load: Callable[[Key], Any], key: Key) -> Any:
-    """`IndexDataCacheFile.load` of numba, which ends with pickle's exception where a file is cut off, or names a class of another
-    version of this package: what is kept is forgotten then.
+    """`IndexDataCacheFile.load` of numba, but a pickle that is cut off, or names a class of another version of this package,
+    empties the kernel's cache instead of raising.
     """
     try:
         found = load(key)
@@ -54,7 +54,7 @@ def _save(kernel: Any, save: Callable[[Key, Any], None], key: Key, data: Any) ->
 
 
 def _save_if_there_is_room(save: Callable[[Any, Any], None], folder: str, signature: Any, data: Any) -> None:
-    """`Cache.save_overload` of numba; that the disk is full does not end a program whose kernel is compiled."""
+    """`Cache.save_overload` of numba, but a full disk is a warning: the compiled kernel can be used all the same."""
     try:
         save(signature, data)
     except OSError as error:
@@ -63,7 +63,7 @@ def _save_if_there_is_room(save: Callable[[Any, Any], None], folder: str, signat
 
 @cache
 def _say_lost(folder: str, reason: str) -> None:
-    """Say once a process that something is not kept."""
+    """Warn once per process that compiled kernels are not stored."""
     logging.getLogger("tactape_fab").warning(
         f"what is compiled cannot be kept in {folder}: {reason}; every start compiles it until there is room, or NUMBA_CACHE_DIR "
         "is set to another folder"
@@ -71,18 +71,18 @@ def _say_lost(folder: str, reason: str) -> None:
 
 
 def _digest(kernel: Any, key: Key) -> str:
-    """SHA-256 of what a kernel and its arguments are; `key` is numba's, whose first item is the types of the arguments."""
+    """SHA-256 of a kernel and its argument types; `key` is numba's, whose first item holds these types."""
     return sha256(repr((_made_of(kernel), _fields(key[0]))).encode()).hexdigest()
 
 
 def _fields(types: Iterable[Any]) -> list[Any]:
-    """Names of the fields of named tuples among types: numba's types have the class alone, which is looked up anew."""
+    """Field names of the named tuples among numba types, whose repr gives the name of the class only."""
     return [(getattr(getattr(t, "instance_class", None), "_fields", ()), _fields(getattr(t, "types", ()))) for t in types]
 
 
 @cache
 def _made_of(kernel: Any) -> str:
-    """SHA-256 of the code and options of a kernel and of all kernels that it reaches, and of their constants."""
+    """SHA-256 of bytecode, options and constants of a kernel and of all kernels that it calls, directly or not."""
     digest, seen, todo = sha256(), {kernel}, [kernel]
     while todo:
         function, options = (of := todo.pop()).py_func, of.targetoptions
@@ -101,8 +101,8 @@ def _made_of(kernel: Any) -> str:
 
 
 def _constant(value: Any) -> Any:
-    """A value as a kernel has it: a number or tuple of them, the bytes of an array, the fields of a named tuple's class."""
-    if isinstance(value, set | frozenset):  # in another order in each process
+    """A constant in a form whose repr is the same in every process: arrays as bytes, named tuple classes as their fields."""
+    if isinstance(value, set | frozenset):  # iterated in another order in each process
         return sorted(value, key=repr)
     if isinstance(value, np.ndarray | np.generic):
         return str(value.dtype), value.shape, value.tobytes()

@@ -1,8 +1,8 @@
 """Launcher of all child processes: isolated, in an empty folder of their own, with a reduced environment.
 
-A kit from elsewhere is untrusted data. Python puts the current folder first on its search path for `-c` and `-m`, so that a file
-`json.py` in a kit would be executed when the kit is verified there. A child therefore gets the module folders of this process
-without the current one, and starts in an empty folder.
+A kit from elsewhere is untrusted. With `-c` and `-m` Python puts the current folder first on its search path, so that a file
+`json.py` in a kit would be executed when the kit is verified from within. A child therefore starts in an empty folder, with the
+module folders of this process except the current one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _KEPT = (
 )
 _KEPT_PREFIXES = ("NUMBA_", "TACTAPE_", "OMP_", "OPENBLAS_", "MKL_")
 _FOLDER_LISTS = ("PATH", "LD_LIBRARY_PATH", "NODE_PATH")
-"""Variables that list folders: an empty or relative entry is the current folder, or lies in it."""
+"""Variables that list folders; empty and relative entries, which mean the current folder or one in it, are removed."""
 
 _of_thread = threading.local()
 
@@ -46,11 +46,11 @@ def environment(scratch: Path) -> dict[str, str]:
     }
     kept |= {name: _absolute(kept[name]) for name in _FOLDER_LISTS if name in kept}
     cache = _absolute(os.environ.get("XDG_CACHE_HOME", "")) or str(Path("~/.cache").expanduser())
-    if not _absolute(kept.get("NUMBA_CACHE_DIR", "")):  # numba unpickles what is there, and it would be in the current folder
+    if not _absolute(kept.get("NUMBA_CACHE_DIR", "")):  # relative to the current folder, from which nothing may be unpickled
         kept.pop("NUMBA_CACHE_DIR", None)
     return kept | {
         "HOME": str(scratch),
-        **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),  # that of the user may not exist, and FreeCAD dies of it
+        **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),  # FreeCAD crashes where the user's does not exist
         "XDG_CACHE_HOME": cache,  # numba's cache of compiled functions
         "XDG_CONFIG_HOME": str(scratch),
         "PYTHONSAFEPATH": "1",  # for the interpreters inside other programs
@@ -58,7 +58,7 @@ def environment(scratch: Path) -> dict[str, str]:
 
 
 def python_command(code: str, *arguments: str) -> list[str]:
-    """Command that runs `code` in an isolated interpreter with the modules that this one finds; `arguments` are ``sys.argv[1:]``.
+    """Command that runs `code` in an isolated interpreter with this process's module folders; `arguments` are ``sys.argv[1:]``.
 
     ``-I`` alone would lose folders that the user named in PYTHONPATH, and their own site-packages.
     """
@@ -66,9 +66,9 @@ def python_command(code: str, *arguments: str) -> list[str]:
 
 
 def limited(command: Sequence[str], *, cpu_s: int, memory_bytes: int) -> list[str]:
-    """Command that runs another within a processor time and a memory, where the system can limit them (not on Windows).
+    """Command that runs another one with a limit of processor time and memory; unchanged on Windows, which has no such limits.
 
-    A program that needs more time ends by SIGXCPU; one that asks for more memory does not get it.
+    A program that exceeds the time is ended by SIGXCPU; an allocation beyond the memory fails.
     """
     if find_spec("resource") is None:
         return list(command)
@@ -76,8 +76,8 @@ def limited(command: Sequence[str], *, cpu_s: int, memory_bytes: int) -> list[st
     return [sys.executable, "-I", "-S", "-c", code, *command]
 
 
-# SIGXCPU at the soft limit, SIGKILL 5 s later for who ignores it; the data segment, not the address space, of which libraries
-# reserve more than they use. No limit is set above the hard one that the process was started with: it may not raise that
+# SIGXCPU at the soft limit, SIGKILL 5 s later if that is ignored. RLIMIT_DATA, not RLIMIT_AS: libraries reserve more address
+# space than they use. No limit is set above the hard one that the process was started with, which it may not raise
 _WITHIN_LIMITS = (
     "import os, resource as r, sys\n"
     "def limit(of, soft, hard):\n"
@@ -90,7 +90,7 @@ _WITHIN_LIMITS = (
 
 
 def limit_self(*, cpu_s: float, memory_bytes: int) -> None:
-    """Limit this process to a further processor time, to whole seconds, and to a memory; it ends by SIGXCPU when that is over."""
+    """Limit the further processor time of this process, in whole seconds, and its memory; SIGXCPU ends it after that time."""
     if find_spec("resource") is None:
         return
     import resource
@@ -99,13 +99,13 @@ def limit_self(*, cpu_s: float, memory_bytes: int) -> None:
     # RLIMIT_CPU counts from the process's start, so what was used is added
     total_s = max(1, int(used.ru_utime + used.ru_stime + cpu_s))
     for of, soft in ((resource.RLIMIT_CPU, total_s), (resource.RLIMIT_DATA, memory_bytes)):
-        # the hard limit stays, as only root can raise it again; none is -1
+        # the hard limit stays, as only root could raise it again; -1 means no limit
         _, most = resource.getrlimit(of)
         resource.setrlimit(of, (soft if most == resource.RLIM_INFINITY else min(soft, most), most))
 
 
 def too_long(status: int) -> bool:
-    """Whether a process with this exit status was ended because its processor time was over."""
+    """Whether this exit status means that the process exceeded its processor time."""
     return status == -getattr(signal, "SIGXCPU", 0) != 0
 
 
@@ -120,7 +120,7 @@ def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None
         _scratch(scratch) as folder,
         subprocess.Popen(
             command,
-            # no terminal: a program that asks would wait for ever
+            # no terminal: a program that prompts would wait for ever
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -140,7 +140,7 @@ def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None
 
 
 class Children:
-    """The programs that threads of a pool `run`: all are ended when the program that waits for the threads is to end itself."""
+    """Programs started by `run` in the threads of a pool, so that all can be killed when this process has to stop."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -148,11 +148,11 @@ class Children:
         self._stopped = False
 
     def adopt(self) -> None:
-        """Count what the calling thread runs among them: the initializer of a ThreadPoolExecutor."""
+        """Register the programs that the calling thread runs from now on; the initializer of a ThreadPoolExecutor."""
         _of_thread.children = self
 
     def stop(self) -> None:
-        """End all that run, and each that a thread starts later."""
+        """Kill all running programs, and each one that a thread starts later."""
         with self._lock:
             self._stopped = True
             for child in self._running:
@@ -160,7 +160,7 @@ class Children:
 
     @contextmanager
     def ended_with(self, child: subprocess.Popen[str]) -> Iterator[None]:
-        """Context manager: a program is one of them."""
+        """Context manager: `child` is one of them inside the block."""
         with self._lock:
             self._running.append(child)
             if self._stopped:
@@ -190,7 +190,7 @@ def _scratch(given: Path | None) -> Iterator[Path]:
 
 
 def _module_folders() -> list[str]:
-    """Folders of this interpreter's modules without the current folder, which is untrusted, and this package's own."""
+    """Folders of this interpreter's modules and of this package, without the current folder, which is untrusted."""
     here, own = Path.cwd().resolve(), str(Path(__file__).resolve().parents[2])
     found = [p for p in sys.path if Path(p).is_absolute() and (p == own or Path(p).resolve() != here)]
     return found if own in found else [*found, own]

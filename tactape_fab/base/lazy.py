@@ -12,7 +12,7 @@ def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], 
     """``__getattr__``, ``__dir__`` and ``__all__`` of a package.
 
     package: Its ``__name__``.
-    homes: Module, relative to `tactape_fab`, to the public names that it defines, with blanks between them.
+    homes: Maps each module, relative to `tactape_fab`, to the public names that it defines, separated by blanks.
     """
     module_of = {name: f"tactape_fab.{module}" for module, names in homes.items() for name in names.split()}
 

@@ -1,6 +1,6 @@
-"""Libraries that not every installation has: imported where they are used; where one is missing, the line to type is said.
+"""Optional libraries: imported where they are used; if one is missing, the error gives the command that installs it.
 
-A robot installs numpy, numba and click alone; what reads and draws pictures, builds solids or shows them is asked for by name.
+A robot installs only numpy, numba and click. Libraries for pictures and solids are imported by `library`.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _INSTALLED_BY = {
     "zstandard": '"tactape-fab[live]"',
     "zenoh": '"tactape-fab[zenoh]"',
 }
-"""Requirement that pip installs a module by; all other modules come with the package's own dependencies."""
+"""The pip requirement of each module; all other modules come with the package's own dependencies."""
 _OWN = "tactape-fab"
 _IN_KITS = ("numpy", "shapely", "gerbonara", "jinja2", "Hershey-Fonts", "trimesh", "opencv-python-headless", "reportlab")
-"""Distributions whose version may decide a byte of a kit: figures, outlines, label, previews, notes, report, drawings."""
+"""Distributions whose version may change bytes of a kit: figures, outlines, label, previews, notes, report, drawings."""
 
 
 def library(module: str, use: str) -> Any:
-    """Import a library by the name of its module.
+    """Import an optional library by the name of its module.
 
     use: What needs it, as the beginning of a sentence: ``"drawing pictures"``.
     Raises MissingLibraryError when it is not installed.
@@ -57,13 +57,13 @@ def missing(module: str, use: str) -> str:
 
 @cache
 def versions_in_kits() -> dict[str, str]:
-    """Versions of the libraries that the bytes of a kit depend on, as its manifest records them; those not installed left out."""
+    """Versions of the libraries on which the bytes of a kit depend, for its manifest; those not installed are left out."""
     from importlib.metadata import PackageNotFoundError, version  # 30 ms, of which most commands need nothing
 
     found = {}
     for name in _IN_KITS:
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # the same modules from a distribution of another name
+        except PackageNotFoundError:  # the module comes from a distribution of another name
             continue
     return {**found, "zlib": zlib.ZLIB_RUNTIME_VERSION}

@@ -1,4 +1,4 @@
-"""A file that a user asks for: written beside its place, on the disk before it gets its name, and never over another file."""
+"""Output files: written under a temporary name in the same folder, synced, then renamed; no other file is ever replaced."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from tactape_fab.base.input_file import mode_of
 UNFINISHED_SUFFIX = ".partial"
 """End of the name of a file or folder that is being written; such a folder is never a kit."""
 _MOST_NAME_BYTES = 200
-"""Of a name in that of its unfinished file: file systems bound one in bytes, most of them at 255."""
+"""Bytes of a file's name that its temporary name keeps: most file systems allow 255 bytes."""
 _AT_ONCE = 8
-"""Files that are brought to the disk at a time: one by one, waiting for it takes a tenth of the time of a kit."""
+"""Files that are synced at the same time: one by one, waiting for the disk takes a tenth of the time of a kit."""
 
 
 def refuse_taken_place(
     path: Path, key: str, *, overwrite: bool | None = None, ours: Callable[[Path], bool] | None = None, kind: str = ""
 ) -> None:
-    """Refuse a path of a new file: in no folder, or that of something else. Raises SpecError.
+    """Refuse the path of an output file if its folder does not exist or something else is there. Raises SpecError.
 
-    key: The option that names it, for the message.
+    key: The option that gives the path, for the message.
     overwrite: Whether a regular file there may be replaced, as --overwrite asks for; None where there is no such option. A link,
         a folder or a device never is.
-    ours: Whether a regular file there is of the kind that is written: no other is replaced, with `overwrite` neither, and where
-        there is no such option it is replaced without being asked to. It may raise OSError or ValueError.
-    kind: What a file is that is not, for the message.
+    ours: Tells whether a regular file there is of the kind that is written. No other is replaced, not even with `overwrite`; with
+        ``overwrite=None`` a file of the kind is replaced without asking. It may raise OSError or ValueError.
+    kind: Description of a file that is not of the kind, for the message.
     """
     said = f"{key} = {shown_path(path)}"
     try:
@@ -62,23 +62,23 @@ def _is(ours: Callable[[Path], bool], path: Path) -> bool:
 
 
 def unfinished(path: Path) -> Path:
-    """A new path for what is not finished: hidden, in the same folder, as a link or a rename works within one file system."""
+    """A new hidden path in the same folder for an unfinished file: links and renames work within one file system only."""
     name = path.name.encode(errors="ignore")[:_MOST_NAME_BYTES].decode(errors="ignore")
     return path.with_name(f".{name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}")
 
 
 def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
-    """Write a file, whole or not at all: an older file stays until the new one has its name.
+    """Write a file atomically: an older file stays until the new one is complete.
 
     key, overwrite: As for `refuse_taken_place`, which is asked again.
     Raises SpecError if the place is taken.
-    Raises TactapeError if it cannot be written; nothing is left of it.
+    Raises TactapeError if it cannot be written; the unfinished file is removed.
     """
     refuse_taken_place(path, key, overwrite=overwrite)
     partial = unfinished(path)
     try:
         try:
-            # "x" refuses a file that is there: the random name cannot be taken over
+            # "x" refuses an existing file, so nobody can prepare one under the random name
             with partial.open("xb") as stream:
                 stream.write(data)
                 stream.flush()
@@ -87,14 +87,14 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
                 refuse_taken_place(path, key, overwrite=True)
                 partial.replace(path)
             else:
-                # rename would replace a file that has come in between; link refuses it
+                # a rename would replace a file that appeared meanwhile; a link refuses that
                 _name_if_free(partial, path)
         finally:
             with suppress(OSError):
                 partial.unlink()
-        # after the file itself: a name on the disk must not outlive its content
+        # after the file itself: after a power cut there must be no name without its content
         sync_folder(path.parent)
-    except FileExistsError:  # it came into being since
+    except FileExistsError:  # the file appeared after the check
         refuse_taken_place(path, key, overwrite=False)
         raise
     except (OSError, ValueError) as error:
@@ -106,7 +106,7 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
 
 
 def _name_if_free(partial: Path, path: Path) -> None:
-    """Give a file its name unless another one has it; in one step where the file system has hard links."""
+    """Rename a file unless the name is taken; atomic where the file system has hard links."""
     try:
         os.link(partial, path)
     except FileExistsError:
@@ -118,8 +118,8 @@ def _name_if_free(partial: Path, path: Path) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Bring a file to the disk. Raises OSError."""
-    handle = os.open(path, os.O_RDWR)  # some systems sync only what may be written
+    """Flush a file to the disk (fsync). Raises OSError."""
+    handle = os.open(path, os.O_RDWR)  # some systems sync only files that are open for writing
     try:
         os.fsync(handle)
     finally:
@@ -127,7 +127,7 @@ def sync_file(path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring a folder's list of names to the disk, where the system can: a rename in it outlives a power cut."""
+    """Flush a folder's entries to the disk, where the system can, so that a rename in it survives a power cut."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -137,10 +137,10 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_below(folder: Path) -> None:
-    """Bring every file and folder below a folder to the disk. Raises OSError if a file cannot be brought there."""
-    from concurrent.futures import ThreadPoolExecutor  # imported here: reading commands do without
+    """Flush every file and folder below a folder to the disk. Raises OSError if a file cannot be flushed."""
+    from concurrent.futures import ThreadPoolExecutor  # imported here: commands that only read do not need it
 
-    # topdown=False: what lies deepest first, so that a folder is synced after all that it holds
+    # topdown=False: deepest first, so that a folder is synced after its contents
     places = [(Path(place), names) for place, _, names in os.walk(folder, topdown=False)]
     with ThreadPoolExecutor(_AT_ONCE) as threads:
         list(threads.map(sync_file, [place / name for place, names in places for name in names]))

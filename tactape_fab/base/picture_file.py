@@ -1,4 +1,4 @@
-"""Pictures that are drawn for a user: PNG files that say who wrote them, so that nothing else is ever replaced."""
+"""Pictures for a user: PNG files whose tEXt chunk names this software, so that only such files are ever replaced."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def is_own_picture(path: Path) -> bool:
 
 
 def refuse_picture(path: Path, key: str, *, overwrite: bool | None = None) -> None:
-    """Refuse a path that cannot take a picture: no .png, in no folder, or that of anything but a picture of this tool.
+    """Refuse the path of a picture if it does not end in .png, its folder does not exist, or another file is there.
 
     key: The option that names it.
     overwrite: As for `refuse_taken_place`.
@@ -42,15 +42,15 @@ def refuse_picture(path: Path, key: str, *, overwrite: bool | None = None) -> No
 
 
 def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
-    """Refuse a folder that cannot take pictures, before the work: no folder, or others than pictures of this tool by their names.
+    """Refuse a folder for pictures before they are drawn: it is a file, or other files in it have the pictures' names.
 
-    names: Those of the pictures, or a pattern of them.
+    names: The pictures' file names, or a glob pattern of them.
     key: The option that names the folder.
     Raises SpecError.
     """
     said = f"{key} = {shown_path(folder)}"
     try:
-        # the folder may be made later: the nearest one that is there decides whether it can
+        # the folder may not exist yet: its nearest existing parent decides whether it can be made
         nearest = next(place for place in (folder, *folder.parents) if mode_of(place) is not None)
         is_folder = nearest.is_dir()
         paths = sorted(folder.glob(names)) if isinstance(names, str) else [folder / name for name in names]
@@ -60,19 +60,19 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
     if not is_folder:
         message = f"{said}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
         raise SpecError(Problem(key, message))
-    for path in taken:  # the first says enough: the folder is another's
+    for path in taken:  # the first other file is enough to refuse the folder
         refuse_taken_place(path, key, ours=is_own_picture, kind=_KIND)
 
 
 def write_picture(
     path: Path, picture: npt.NDArray[np.uint8], key: str, *, overwrite: bool | None = None, compression: int | None = None
 ) -> None:
-    """Write a picture, whole or not at all; its folder is made if need be.
+    """Write a PNG atomically; its folder is made if it does not exist.
 
-    picture (h, w, 3): Blue, green, red.
+    picture (h, w, 3): BGR.
     key, overwrite: As for `refuse_picture`, which is asked first.
-    compression: Of zlib, 0 to 9; OpenCV's own where None.
-    Raises SpecError when something else is there, TactapeError when it cannot be written.
+    compression: zlib level from 0 to 9; None for OpenCV's default.
+    Raises SpecError if another file is there, TactapeError if it cannot be written.
     """
     cv2 = library("cv2", "drawing a picture")
     try:

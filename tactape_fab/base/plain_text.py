@@ -1,4 +1,4 @@
-"""Text made fit for where it goes: untrusted text for a line of a terminal, a log or a report; text of a TOML file."""
+"""Escaping: of untrusted text for a line of a terminal, a log or a report, and of strings for a TOML file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 
 
 def one_line(text: str) -> str:
-    """A text without characters that are not printed: line ends, escapes, marks of writing direction. They are shown as \\x1b.
+    """A text with its unprintable characters (line ends, escapes, direction marks) written as escapes such as \\x1b.
 
     The test is `str.isprintable`: Unicode's categories Cc, Cf, Cs, Co, Cn, Zl, Zp and spaces other than the usual one.
     """
@@ -16,10 +16,10 @@ def one_line(text: str) -> str:
 
 
 def toml_string(text: str) -> str:
-    """A text as a basic string of TOML, which has JSON's escapes but no halves of a character beyond U+FFFF.
+    """A text as a TOML basic string, which has JSON's escapes but no surrogates.
 
-    What is not printed is escaped: DEL, which TOML does not allow, and marks of writing direction, which editors obey. Bytes of a
-    file's name that are no UTF-8 are shown as \\udcff.
+    Unprintable characters are escaped, such as DEL, which TOML does not allow, and direction marks, which editors obey. Bytes of
+    a file name that are not UTF-8 are shown as \\udcff.
     """
     whole = text.encode("utf-8", "backslashreplace").decode("utf-8")
     quoted = json.dumps(whole, ensure_ascii=False)
@@ -27,6 +27,6 @@ def toml_string(text: str) -> str:
 
 
 def _escape(character: str) -> str:
-    """A character by its number, as TOML has it."""
+    """A character as a TOML Unicode escape."""
     number = ord(character)
     return f"\\u{number:04x}" if number <= 0xFFFF else f"\\U{number:08x}"

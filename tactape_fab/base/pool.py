@@ -1,7 +1,7 @@
-"""Functions mapped over many things: in this process, in isolated processes here, or by the workers of a Dask cluster.
+"""Functions mapped over many items: in this process, in isolated child processes, or by the workers of a Dask cluster.
 
-A process that dies costs its call a second try; none outlives the pool. What is drawn at random is seeded by its item, never by
-its worker or its turn: the results are the same bytes whoever works.
+The call of a process that dies is tried once more; no process outlives the pool. Random numbers are seeded by the item, never by
+the worker or the order, so that results are the same bytes for any number of workers.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ Workers = int | str
 """A number of processes, or the address of a Dask scheduler."""
 MOST_WORKERS = 64
 TRIES = 2
-"""How often an item is given to a process that dies of it: a second time, as memory may have been short, or somebody ended it."""
+"""Tries of an item whose process dies: two, as memory may have been short, or somebody may have killed the process."""
 _AHEAD = 4
-"""Items that wait or are done and not yet taken, for each worker: what bounds the memory here."""
+"""Items per worker that are submitted and whose results are not yet taken, which bounds the memory of this process."""
 _CLUSTER = re.compile(r"(tcp|tls)://[^\s/]+:\d{1,5}")
 _PATIENCE_S = 20.0
 """Time that a process may take to clean up when asked to stop, s."""
@@ -48,17 +48,17 @@ _PATIENCE_S = 20.0
 
 def core_count() -> int:
     """Number of cores that this process may use."""
-    # the affinity counts the cores that this process may run on, as a batch system grants them; cpu_count those of the machine
+    # a batch system restricts the affinity; cpu_count counts all cores of the machine
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def usual_workers() -> int:
-    """One for each processor that this process may use."""
+    """Default number of workers: one for each core that this process may use."""
     return min(core_count(), MOST_WORKERS)
 
 
 def checked_workers(value: object, problems: list[Problem], *, usual: Workers | None = None) -> Workers:
-    """The workers that a user asks for; `usual`, or one for each processor, if none are."""
+    """The user's choice of workers, checked; if there is none, `usual`, or one for each core."""
     if value is None:
         return usual_workers() if usual is None else usual
     if isinstance(value, str) and _CLUSTER.fullmatch(value):
@@ -74,16 +74,16 @@ class ProcessPool(Executor):
     """Calls functions in up to `count` fresh processes, one call at a time in each.
 
     Unlike those of concurrent.futures.ProcessPoolExecutor, its processes are started by `tactape_fab.base.launch`: they import
-    nothing from the current folder, and never see SIGINT or SIGHUP. A process that dies fails its own call alone, with
-    `LostProcessError`. What a function in them says by `tell` is passed to `told`. They end by themselves when this process
-    ends. As a context manager, the pool stops at once if the block raises.
+    nothing from the current folder, and ignore SIGINT and SIGHUP. A process that dies fails only its own call, with
+    `LostProcessError`. Messages that a function sends by `tell` are passed to `told`. The processes end when this process ends.
+    As a context manager, the pool stops at once if the block raises.
     """
 
     def __init__(self, count: int, told: Callable[..., object] = lambda *_: None) -> None:
         self.width = max(1, count)
         self._told = told
         self._scratch = tempfile.TemporaryDirectory(prefix="tactape-pool-", ignore_cleanup_errors=True)
-        # one thread for each process: it writes a call and waits for the answer, and the process is its own
+        # one thread for each process: it owns the process, writes a call and waits for the answer
         self._threads = ThreadPoolExecutor(self.width)
         self._own = threading.local()
         self._lock = threading.Lock()
@@ -118,7 +118,7 @@ class ProcessPool(Executor):
     def _ask(self, function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
         child = self._child()
         assert child.stdin is not None and child.stdout is not None
-        # an answer is (True, result), (False, error), or (None, message) for what is told on the way
+        # an answer is (True, result), (False, error), or (None, message) for a message by `tell`
         try:
             _send(child.stdin, (function, args, kwargs))
             answered, answer = pickle.load(child.stdout)
@@ -140,7 +140,7 @@ class ProcessPool(Executor):
         if child is None:
             command = python_command(f"from {__name__} import serve; serve()")
             with self._lock:
-                # under the lock: a process that is started after stop would outlive the pool
+                # under the lock: a process that is started after `stop` would outlive the pool
                 if self._stopped:
                     raise LostProcessError(-signal.SIGTERM)
                 # its own session: the terminal's Ctrl-C reaches only the parent
@@ -173,7 +173,7 @@ class ProcessPool(Executor):
             if child.stdin is not None:
                 with suppress(OSError):
                     child.stdin.close()
-        # one deadline for all, not one each
+        # one deadline for all processes together
         end = time.monotonic() + _PATIENCE_S
         for child in children:
             with suppress(subprocess.TimeoutExpired):
@@ -193,14 +193,14 @@ def mapped(
     lost: Callable[[Item, LostProcessError], R] | None = None,
     isolated: bool = False,
 ) -> Generator[R]:
-    """Results in the order of their items, each as soon as it and those before it are known.
+    """Results in the order of the items, each as soon as it and those before it are known.
 
-    Items are drawn as workers become free, and results are not kept. Close the generator to stop: what is at work is ended, on a
-    cluster what has not begun.
+    Items are taken as workers become free, and results are not kept. Close the generator to stop: running calls are ended; on a
+    cluster, only calls that have not begun.
 
-    function: Of a module's top level: it is pickled, as items and results are.
-    workers: One works in this process, unless `isolated`.
-    lost: Result of an item of which a process died `TRIES` times; an error of the package if left out.
+    function: A module-level function: it is pickled, as items and results are.
+    workers: With one, calls run in this process, unless `isolated`.
+    lost: Gives the result of an item whose process died `TRIES` times; if left out, that is an error.
     Raises TactapeError for a lost process, and for a cluster that is lost or has other versions; and whatever the function
         raises.
     """
@@ -209,13 +209,13 @@ def mapped(
 
 
 def mapped_as_done(function: Callable[[Item], R], items: Iterable[Item], workers: Workers) -> Generator[tuple[Item, R]]:
-    """Items with their results as `mapped` finds them, each as soon as it is known."""
+    """Pairs of item and result as in `mapped`, but in the order in which results become known."""
     return _mapped(function, items, workers, _refuse_lost, isolated=False, ordered=False)
 
 
 @dataclass(slots=True, eq=False)
 class _Turn(Generic[Item, R]):
-    """One item at work, the number of its tries, and its result once it is known."""
+    """A submitted item, the number of its tries, and its result once it is known."""
 
     item: Item
     tries: int = 1
@@ -240,13 +240,13 @@ def _mapped(
     turns: deque[_Turn[Item, R]] = deque()
     try:
         while True:
-            # a tuple around the item: None is an item, too
+            # a tuple around the item, as None may be an item
             while len(turns) < _AHEAD * pool.width and (more := next(((item,) for item in todo), None)) is not None:
                 turns.append(_Turn(more[0]))
                 at_work[pool.submit(function, more[0])] = turns[-1]
             if not turns:
                 return
-            # in order only the first turn may be handed on; its result waits until it is
+            # with `ordered` only the first turn may be yielded
             ready = turns[0] if ordered else next((turn for turn in turns if turn.result), turns[0])
             if ready.result:
                 turns.remove(ready)
@@ -287,11 +287,11 @@ def _send(pipe: BinaryIO | Any, value: object) -> None:
 
 
 _answers: BinaryIO | None = None
-"""Where a process of a pool answers; None in any other process."""
+"""Pipe on which a process of a pool answers; None in any other process."""
 
 
 def tell(*message: object) -> None:
-    """Say something, such as progress, to the pool that runs this process."""
+    """Send a message, such as progress, to the pool that runs this process."""
     if _answers is not None:
         _send(_answers, (None, message))
 
@@ -299,11 +299,11 @@ def tell(*message: object) -> None:
 def serve() -> None:
     """Main loop of a process of the pool: answers calls until its input ends.
 
-    A stop request lets a running function clean up; otherwise the process ends at once: the collector would swallow the
-    exception.
+    SIGTERM during a call raises SystemExit in the function, which can clean up. Between calls it ends the process at once: an
+    exception might be raised, and lost, in the garbage collector.
     """
     global _answers  # noqa: PLW0603 (one for each process)
-    for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to every process; who started this one stops it by SIGTERM
+    for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to every process; the parent stops this one by SIGTERM
         if hasattr(signal, name):  # Windows has no SIGHUP
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     asked = sys.stdin.buffer
@@ -316,18 +316,18 @@ def serve() -> None:
             function, args, kwargs = pickle.load(asked)
         except (EOFError, OSError):
             return
-        # only during a call: between two the default ends the process at once
+        # only during a call: between calls the default handler ends the process at once
         signal.signal(signal.SIGTERM, _leave)
         try:
             answer: tuple[bool, Any] = (True, function(*args, **kwargs))
-        except Exception as error:  # it is re-raised in the caller
+        except Exception as error:  # re-raised in the caller
             answer = (False, error)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         try:
             _send(answers, answer)
         except OSError:
             return
-        if not settled:  # objects loaded by the first call stay alive: exclude them from later collections
+        if not settled:  # objects loaded by the first call stay alive: exclude them from garbage collection
             gc.collect()
             gc.freeze()
             settled = True

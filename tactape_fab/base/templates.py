@@ -1,4 +1,4 @@
-"""Location of profiles: the data files of templates/, or a user's own TOML by path; and fields common to all profiles."""
+"""Reading of profiles: TOML files of templates/, or a user's own by path."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ T = TypeVar("T")
 _PARSER = "tomllib" if sys.version_info >= (3, 11) else "tomli"
 _PROFILE_BYTES = 1024 * 1024
 _MOST_PARTS = 64
-"""Of a dotted key: the parser keeps every table on the way to it, and takes gigabytes for 100,000 parts."""
-# a string over lines, which is no part of a key; a quoted or bare part; a dot with blanks around it; a comment; blanks, or
-# anything else, which end a key
+"""Most parts of a dotted key: the parser keeps the table of every prefix, which takes gigabytes for 100,000 parts."""
+# alternatives in order: a multi-line string, which cannot be in a key; a quoted or bare part; a dot with blanks around it; a
+# comment; blanks or any other character, which end a key
 _TOKENS = re.compile(
     r'''"""(?:[^"\\]+|\\.|"(?!""))*(?:"{3,5})?|'''
     r"""'''(?:[^']+|'(?!''))*(?:'{3,5})?|"""
@@ -50,7 +50,7 @@ def templates_folder() -> Path:
 
 
 def profile_names(kind: str) -> list[str]:
-    """Names of the profiles that come with the package; kind is ``fabs``, ``parts`` or ``processes``."""
+    """Names of the profiles that come with the package; `kind` is ``fabs``, ``parts``, ``processes`` or ``sensors``."""
     return list(_names(kind))
 
 
@@ -60,7 +60,7 @@ def _names(kind: str) -> tuple[str, ...]:
 
 
 def read_toml(path: Path, key: str) -> dict[str, Any]:
-    """A TOML file of bounded size as a mapping. Raises SpecError if it cannot be opened, is too large, or is not TOML.
+    """Parse a TOML file of bounded size. Raises SpecError if it cannot be opened, is too large, or is not TOML.
 
     Raises MissingLibraryError on Python 3.10 without tomli.
     """
@@ -75,7 +75,7 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         raise SpecError(Problem(key, message))
     try:
         text = data.decode("utf-8-sig")
-        # a key ends with its line, and a line of TOML with "\n" alone: tokens are looked at where a key could be too long at all
+        # a key is on one line, so a line with few dots has no long key; the slow tokeniser runs only if some line has many
         if any(line.count(".") >= _MOST_PARTS for line in text.split("\n")) and _parts(text) > _MOST_PARTS:
             raise ValueError(f"a key has more than {_MOST_PARTS} parts, with dots between them")
         content: dict[str, Any] = library(_PARSER, "reading TOML").loads(text)
@@ -85,7 +85,7 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
 
 
 def _parts(text: str) -> int:
-    """Most parts of a dotted key in a text, quoted or bare; a string counts as one."""
+    """Number of parts of the longest dotted key in a text; a quoted part counts as one."""
     most = parts = 0
     for token in _TOKENS.finditer(text):
         parts = parts + 1 if token.lastgroup == "part" else parts if token.lastgroup == "dot" else 0
@@ -107,10 +107,10 @@ def profile_table(kind: str, key: str, name: str) -> Fields:
 
 
 def read_once(kind: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
-    """Decorator of a reader of profiles: one that comes with the package is read once, as a user's file may change each time."""
+    """Decorator of a profile reader: profiles of the package are cached, a user's own file is read each time."""
 
     def decorated(read: Callable[[str], T]) -> Callable[[str], T]:
-        # a user's own file is read each time: it may be edited between two calls
+        # not cached: a user's own file may be edited between two calls
         known = lru_cache(maxsize=64)(read)
         return wraps(read)(lambda name: known(name) if name in _names(kind) else read(name))
 

@@ -1,6 +1,6 @@
-"""Modules of earlier versions that scripts may still import; each name gives a warning and is taken from its new module.
+"""Modules of earlier versions that scripts may still import; each name is taken from its new module, with a warning.
 
-This folder is on the search path of the package itself: `tactape_fab.decode` is its `decode.py`.
+This folder is on the package's ``__path__``: `tactape_fab.decode` is its `decode.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 
 def moved(module: str, name: str, homes: Mapping[str, str]) -> Any:
-    """A name of an old module, from its new module."""
+    """A name of an old module, taken from its new module with a warning."""
     if name not in homes:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
     warnings.warn(
