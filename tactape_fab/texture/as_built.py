@@ -1,4 +1,4 @@
-"""AsBuilt: where the parts of one made tape really are, as measured, and whether that is of a given kit."""
+"""AsBuilt: measured places of the parts of one made tape, and the check that they belong to a given kit."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.manifest import MANIFEST_NAME
 
 NOMINAL = "none"
-"""Given in the place of a file: the places of the design."""
+"""Value of `as_built` that asks for the nominal places instead of measured ones."""
 _FILE = "a file of measured places, or the folder of a kit"
 TAKE_DESIGN = f"give as_built='{NOMINAL}'"
 _OF_DESIGN = f"{TAKE_DESIGN} for the places of the design"
 _OTHERWISE = f"measure this tape again, or {_OF_DESIGN}"
 LEAST_MEASURED = 10
-"""Measured parts from which on their scatter says how far off the others may be."""
+"""Least number of measured parts whose scatter is taken as the sigma of unmeasured parts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +50,7 @@ class Film:
     scale : (float, float)
         sx and sy, near 1.
     shear : float
-        k, the lean of the y axis towards x.
+        k, the tangent of the y axis's lean towards x.
     sigma : float
         Standard deviation of each of these.
     """
@@ -67,14 +67,14 @@ class Film:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BuiltParts:
-    """Every part of a tape in designator order, measured or not; what the decoder and the simulator use.
+    """Places of all parts of a tape in designator order, measured or not, for the decoder and the simulator.
 
-    shift_mm (n, 2): Real less nominal place, stretch of the film included, board frame; 0 where nobody measured a part of an even
-        film.
-    rotation_deg (n,): Turn from the nominal rotation, counter-clockwise seen from above.
+    shift_mm (n, 2): Real less nominal place, stretch of the film included, board frame; for a part that was not measured, the
+        stretch alone.
+    rotation_deg (n,): Real less nominal rotation, counter-clockwise seen from above.
     present (n,)
-    sigma_mm (n,): Standard deviation of the place along each axis. That of a part which is not listed is the scatter of the
-        listed ones.
+    sigma_mm (n,): Standard deviation of the place along each axis. For a part that is not listed it is the scatter of the listed
+        ones, or 0 where fewer than `LEAST_MEASURED` are listed.
     """
 
     shift_mm: FloatArray
@@ -108,8 +108,8 @@ class AsBuilt:
         Stretch of the whole film; a film without any is the default.
     source : tuple of mapping
         How it was measured, oldest first: each has a ``kind`` of "scan", "survey", "aoi" or "cpl", and anything else that
-        JSON can hold. ``drift_mm`` of the last is the standard deviation, along each axis, of what neighbouring parts are
-        wrong by together; it is part of `sigma_mm`.
+        JSON can hold. ``drift_mm`` of the last is the standard deviation, along each axis, of the error that neighbouring parts
+        have in common; it is part of `sigma_mm`.
 
     Raises
     ------
@@ -148,14 +148,14 @@ class AsBuilt:
         Raises
         ------
         SpecError
-            If these are no places, or there are fewer than were measured.
+            If this is not an array of places, or it has fewer parts than were measured.
         """
         nominal_mm = as_numbers(nominal_mm, (None, 2), "nominal_mm", "Tape.part_xy_mm() of the tape")
         n, at = len(nominal_mm), self.number - 1
         if len(at) and at[-1] >= n:
             message = f"nominal_mm has {n} parts, {self.tape} has more; give Tape.part_xy_mm() of it"
             raise SpecError(Problem("nominal_mm", message))
-        # nobody looked at the others: they scatter as the measured ones do, and a few measured ones do not say how much
+        # parts that nobody measured scatter as the measured ones do, if enough of these are there to estimate it
         unlisted = self.scatter_mm if self.present.sum() >= LEAST_MEASURED else 0.0
         # F p + d less p, with p as rows
         shift = nominal_mm @ (self.film.matrix - np.eye(2)).T
@@ -166,26 +166,26 @@ class AsBuilt:
 
     @property
     def scatter_mm(self) -> float:
-        """Root mean square of dx and dy of the parts that are there; 0 without any."""
+        """Root mean square of dx and dy over the parts that are present; 0 without any."""
         d = np.concatenate([self.dx_mm[self.present], self.dy_mm[self.present]])
         return float(np.sqrt((d**2).mean())) if len(d) else 0.0
 
     @property
     def mean_mm(self) -> float:
-        """How far the parts that are there are off together; 0 without any."""
+        """Length of the mean of (dx, dy) over the parts that are present; 0 without any."""
         there = self.present
-        # the film's stretch is taken out of dx and dy, so that this is a shift of all parts alone
+        # dx and dy do not include the film's stretch, so that this is a common shift of all parts
         return float(np.hypot(self.dx_mm[there].mean(), self.dy_mm[there].mean())) if there.any() else 0.0
 
     @property
     def drift_mm(self) -> float:
-        """Standard deviation along each axis of what neighbouring parts are wrong by together: an answer's position, too."""
+        """Standard deviation along each axis of the error common to neighbouring parts, which a located position has as well."""
         said = self.source[-1].get("drift_mm", 0.0) if self.source else 0.0
         return float(said) if isinstance(said, int | float) and 0.0 <= said <= FARTHEST_MM else 0.0
 
     @property
     def missing(self) -> int:
-        """Number of parts that are not there."""
+        """Number of listed parts that are missing."""
         return int((~self.present).sum())
 
     def to_mapping(self) -> dict[str, Any]:
@@ -217,7 +217,7 @@ class AsBuilt:
         Parameters
         ----------
         content : mapping
-            What the file's JSON holds; untrusted.
+            The file's parsed JSON; untrusted.
 
         Returns
         -------
@@ -254,12 +254,12 @@ class AsBuilt:
         content = content_of(file)
         try:
             return cls.from_mapping(content)
-        except SpecError as error:  # named: keys of the kit's manifest are called alike
+        except SpecError as error:  # the file is named, as the kit's manifest has keys of the same names
             said = f"{shown_path(file_of(file))}: "
             raise SpecError([replace(problem, message=said + problem.message) for problem in error.problems]) from None
 
     def write(self, path: str | Path) -> Path:
-        """Write the file, the same bytes for the same places; a file of that name is replaced in one step, a link never.
+        """Write the file; equal places give equal bytes. An existing file is replaced atomically, a link never.
 
         Parameters
         ----------
@@ -269,7 +269,7 @@ class AsBuilt:
         Returns
         -------
         Path
-            Of the file.
+            The written file.
 
         Raises
         ------
@@ -283,7 +283,7 @@ class AsBuilt:
         return file
 
     def problems_for(self, name: str, digest: str, parts: int, most_mm: float = inf) -> list[Problem]:
-        """Why these places are not those of a tape: none if they are.
+        """Reasons why these places cannot be those of a given kit; empty if they can.
 
         Parameters
         ----------
@@ -294,7 +294,7 @@ class AsBuilt:
         parts : int
             Number of its parts.
         most_mm : float
-            Furthest that all parts together may be off the design; every position would be wrong by as much.
+            Largest accepted `mean_mm`: every located position would be wrong by as much.
 
         Returns
         -------
@@ -328,13 +328,13 @@ Given = AsBuilt | str | Path | None
 
 
 def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, most_mm: float = inf) -> AsBuilt | None:
-    """Measured places of the kit of a manifest; None where there are none, or nobody asks for them.
+    """Measured places of the kit of a manifest; None if there are none, or `given` asks for the nominal places.
 
     name: The tape's name.
     parts: Number of its parts.
     given: As `Tape.load` takes it.
     most_mm: As `AsBuilt.problems_for` takes it.
-    Raises SpecError if the file cannot be read, is that of another kit, or has all parts together too far off.
+    Raises SpecError if the file cannot be read, belongs to another kit, or has a mean shift above `most_mm`.
     """
     if given is None and not _is_beside(manifest.parent / AS_BUILT_NAME):
         return None
@@ -346,7 +346,7 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, m
 
 
 def _is_beside(path: Path) -> bool:
-    """Whether a kit has measured places. Raises SpecError where something else has their name, and would be taken for them."""
+    """Whether as-built.json is beside a manifest. Raises SpecError if something else has that name."""
     try:
         if mode_of(path) is None:
             return False
@@ -360,14 +360,14 @@ def _is_beside(path: Path) -> bool:
 
 
 def refuse_other_places(path: Path, key: str) -> None:
-    """Refuse a path for measured places, named by an option, in no folder or where something else lies. Raises SpecError."""
+    """Refuse an output path for measured places if its folder does not exist or another file is there. Raises SpecError."""
     refuse_taken_place(path, key, ours=lambda file: AsBuilt.load(file) is not None, kind="no file of places")
 
 
 def refuse_other_kit(path: Path, digest: str, key: str) -> None:
-    """Refuse a path for measured places, named by an option, where they would be taken for those of another kit.
+    """Refuse an output path for measured places where they would be read as those of another kit.
 
-    digest: `manifest_digest` of the kit that they are of.
+    digest: `manifest_digest` of the kit that was measured.
     Raises SpecError.
     """
     manifest = path.parent / MANIFEST_NAME
@@ -382,7 +382,7 @@ def manifest_digest(manifest: str | Path) -> str:
 
 
 def _array_problems(built: AsBuilt) -> list[Problem]:
-    """Faults of arrays that a program gives."""
+    """Problems of the constructor's arrays: lengths, order and ranges."""
     for key, kinds in {"number": "iu", "present": "b", **dict.fromkeys(RANGES, "fiu")}.items():
         array = getattr(built, key)
         if not isinstance(array, np.ndarray) or array.ndim == 0 or array.dtype.kind not in kinds:

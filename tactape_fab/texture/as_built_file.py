@@ -22,7 +22,7 @@ AS_BUILT_NAME = "as-built.json"
 SOURCES = ("scan", "survey", "aoi", "cpl")
 MOST_BYTES = 64 * 1024 * 1024
 _MOST_VALUES = 7 * MOST_POINTS
-"""Six columns of one value for each part."""
+"""Limit for the JSON reader: six columns with one value per part, and room for the rest."""
 MOST_SOURCES = 1000
 MOST_SOURCE_CHARACTERS = 10_000
 FARTHEST_MM = 10.0
@@ -39,20 +39,20 @@ RANGES = {
 
 
 def file_of(path: Path) -> Path:
-    """The file of a path, which may be the folder of a kit."""
-    with suppress(OSError, ValueError):  # a name that is invalid on every system: reading it says so
+    """The path of the file, given that or the folder of its kit."""
+    with suppress(OSError, ValueError):  # a name that is invalid on every system is refused when it is read
         return path / AS_BUILT_NAME if path.is_dir() else path
     return path
 
 
 def rounded(values: FloatArray, digits: int) -> list[float]:
-    """A column as the file has it."""
-    # as doubles: a float32 has more digits as a double than it was rounded to
+    """A column rounded for the file."""
+    # in double precision: a rounded float32 has more digits when it is written as a double
     return [v + 0.0 for v in np.round(values.astype(np.float64), digits).tolist()]  # + 0.0: no -0.0
 
 
 def as_text(content: Mapping[str, Any]) -> str:
-    """JSON with one line for each key of the tables."""
+    """JSON text with one line for each key of the tables."""
     lines = []
     for key, value in content.items():
         if key == "parts":
@@ -64,7 +64,7 @@ def as_text(content: Mapping[str, Any]) -> str:
 
 
 def content_of(path: Path) -> Mapping[str, Any]:
-    """The table that a file holds, unchecked. Raises SpecError if it cannot be read, is too large, or holds no table."""
+    """The file's JSON object, its values unchecked. Raises SpecError if it cannot be read, is too large, or is not an object."""
     file = file_of(path)
     try:
         data = read_regular(file, MOST_BYTES)
@@ -84,7 +84,7 @@ def content_of(path: Path) -> Mapping[str, Any]:
 
 
 def read_values(table: Fields) -> dict[str, Any]:
-    """The arguments of `AsBuilt`, and of its film; every value is checked. Raises SpecError for all problems together."""
+    """Keyword arguments of `AsBuilt` from the file's table, all checked. Raises SpecError with all problems together."""
     if isinstance(kind := table.values.get("format"), str) and kind != AS_BUILT_FORMAT:  # its other keys mean something else
         message = f"format = {shown(kind)} is no file of measured places; give one of format '{AS_BUILT_FORMAT}', as survey makes"
         raise SpecError(Problem("as-built", message))
@@ -103,7 +103,7 @@ def read_values(table: Fields) -> dict[str, Any]:
     source = _read_source(table) if "source" in table.values else ()
     if table.problems:
         raise SpecError([Problem("as-built", problem.message) for problem in table.problems])
-    # `AsBuilt` has its numbers ascending, in whatever order the file lists them
+    # `AsBuilt` needs ascending numbers; the file may list them in any order
     order = np.argsort(number, kind="stable")
     return {
         "tape": name,
@@ -125,7 +125,7 @@ def _read_film(table: Fields) -> dict[str, Any]:
 
 
 def _numbers(parts: Fields, names: Sequence[object]) -> IntArray:
-    """Numbers of designators such as R12; 1, 2, ... where one is wrong."""
+    """Numbers of designators such as R12; 1, 2, ... if any of them is invalid."""
     found = [
         int(name[1:])
         if isinstance(name, str) and 1 < len(name) <= 9 and name[0] == "R" and name[1:].isascii() and name[1:].isdigit()

@@ -10,8 +10,8 @@ TAG_FAMILY = "tag36h11"
 TAG_IDS = 587
 LONGEST_MM = 10_000.0
 LEAST_MM = 0.001
-"""Least length of a part, of a tag's cell, and of a round corner's radius. Far shorter ones vanish beside others in a sum, and a
-quotient by them is infinite.
+"""Least length of a part, of a tag's cell, and of a round corner's radius: far shorter ones are lost in sums to rounding, and
+dividing by them overflows.
 """
 MOST_HOLES = 10_000
 
@@ -95,7 +95,7 @@ def read_tag(table: Fields) -> Tag:
 
 
 def read_surface(table: Fields) -> Surface:
-    """A manifest's surface of the user's. Problems are collected in `table`."""
+    """A manifest's surface. Problems are collected in `table`."""
     x, y, z = table.numbers("centre_mm", 3, low=-LONGEST_MM * 10, high=LONGEST_MM * 10)
     u, v, w = table.numbers("up", 3, low=-1.0, high=1.0, unit="")
     radius_mm = None

@@ -1,7 +1,7 @@
-"""Codes of textures: what a code has, and all existing codes.
+"""Codes of textures: their common interface, and all existing codes.
 
-A code is an object. Differences between codes are attributes and methods; no caller tests a code's name. To add a code, add an
-object to `CODES`.
+Differences between codes are attributes and methods of these objects; no caller tests a code's name. To add a code, add an object
+to `CODES`.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from tactape_fab.texture.touch.designed import DesignedCode
 from tactape_fab.texture.trace import TraceCode
 
 Code = PlaneCode | TraceCode | DesignedCode
-"""A code: what all of these have.
+"""A code; all have these attributes and methods.
 
-window, range: Columns and rows that a tape has at least, and at most.
-most_points: Grid points that a tape has at most.
+window, range: Least and largest number of columns, and of rows, of a tape.
+most_points: Largest number of grid points of a tape.
 directions: Allowed numbers of displacement directions.
 plane: The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
-    its origin is (0, 0), another size gives another texture, and its symbols are stored only in the tape itself.
+    its origin is (0, 0), every size is another texture, and the symbols are stored only in the tape itself.
 sequences: The plane, if it is made of number sequences along its axes.
-half_turns: Whether its distances are promised to tapes whose parts show their quarter turn, as long parts do.
-proven: Least number of bits, by shape of `touch.patches.PATCHES`, in which patches at any two places of all sectors differ,
-    the turn being known; empty where nothing is proven.
+half_turns: Whether it has separate distances for tapes whose parts show their quarter turn, as long parts do.
+proven: Proven least distance in bits, by shape of `touch.patches.PATCHES`, between patches at any two places of all sectors
+    at a known turn; empty if nothing is proven.
 vouched: Proof of a tape's symbols, for messages after "symbols ...".
-another: Option that gives a tape another texture.
+another: Option that selects another texture.
 default_origin: Default (column, row) of a sector's tape.
-symbols: Of a new tape of a shape (rows, columns); a designed one differs from those of other tapes. With `half_turns` the tape's
-    parts show a quarter turn, so that a design may ask for more between the other turns.
-extended: The symbols of a texture on a grid of a shape (rows, columns); equal textures share them.
-texture_key: Key that two tapes share if no touch can tell them apart, apart from grid, pitch and displacement.
-digest_entry: Manifest entries that prove the symbols.
-check_symbols: Refuse symbols of a manifest that are not the code's at that place, or do not match their proof.
+symbols: Symbols of a new tape of a shape (rows, columns); a designed matrix differs from those of `avoid`. `half_turns` says
+    that the tape's parts show a quarter turn, so that a design may demand larger distances at 0 and 180 degrees.
+extended: A texture's symbols on a grid of another shape (rows, columns); equal textures have equal ones.
+texture_key: Key that is equal for two tapes which a touch cannot tell apart, grid, pitch and displacement aside.
+digest_entry: Manifest entries with a digest of the symbols; empty where the code determines them.
+check_symbols: Refuse symbols of a manifest that are not the code's at that place, or do not match their digest.
 """
 
 DEFAULT_CODE = "microdots-4x4"
@@ -72,13 +72,13 @@ _CODES: tuple[Code, ...] = (
         name="trace-22",
         degree=22,
         polynomial=0x21C8AB,
-        # constants that came first of some thousand random ones (docs/codes.md); 129 is more than the 127 columns, so that rows
-        # do not overlap, and 129 * 127 * 256 exponents are fewer than the 2^22 - 1 there are
+        # the best constants of some thousand random ones (docs/codes.md); 129 is more than the 127 columns, so that rows do not
+        # overlap, and 129 * 127 * 256 exponents are fewer than the 2^22 - 1 there are
         columns_apart=129,
         y_exponent=429093,
         range=127,
         sectors=256,
-        # counted over the whole field: the least weight of the linear code of each shape
+        # counted over the whole field: the minimum weight of the linear code of each shape
         proven={"3x3": 0, "disc-12": 2, "4x4": 4, "disc-21": 6, "5x5": 9},
     ),
     DesignedCode(name=TOUCH_CODE, window=4, sectors=4096, range=2000, most_points=MOST_TOUCH_POINTS, rungs=RUNGS),
@@ -157,7 +157,7 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
 
 
 def read_directions(table: Fields, code: Code | None) -> int:
-    """Number of displacement directions; `USUAL_DIRECTIONS` if not given, any known number if there is no code."""
+    """Number of displacement directions that the code allows, any known one if `code` is None; default `USUAL_DIRECTIONS`."""
     directions = table.values.get("directions", USUAL_DIRECTIONS)
     if isinstance(directions, bool) or not isinstance(directions, int) or directions not in DIRECTIONS:
         known = " nor ".join(map(str, DIRECTIONS))

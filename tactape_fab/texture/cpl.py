@@ -1,4 +1,4 @@
-"""Pick-and-place lists (CPL): the format of each assembly house, and their reader.
+"""Pick-and-place lists (CPL, centroid files): the format of each assembly house, and a reader of all of them.
 
 A column is a pair: its header, and the key of its content.
 """
@@ -50,8 +50,8 @@ class PlacementTable(Table):
     style {"csv", "tab", "kicad"}: Commas, tabs with the header as a comment, or aligned columns as in KiCad.
     unit {"mm", "mil"}: Unit of coordinates and lengths.
     side: The house's word for the top side.
-    clockwise: Rotations are clockwise instead of counter-clockwise; both seen from above, 0 is the long axis along board x.
-    half_turns: Rotations are in (-180, 180] instead of [0, 360).
+    clockwise: Whether rotations are clockwise, seen from above; 0 is the long axis along board x.
+    half_turns: Whether rotations are in (-180, 180] instead of [0, 360).
     fixed: Cells that are the same for every part of every tape.
     """
 
@@ -70,7 +70,7 @@ class PlacementTable(Table):
 
     def written_deg(self, rotation_deg: float) -> float:
         """A counter-clockwise rotation in degrees, converted to this list's convention."""
-        # rounding may give 360, which is 0
+        # rounding may give 360, which becomes 0
         turned = round((-rotation_deg if self.clockwise else rotation_deg) % 360.0, 4) % 360.0
         return turned - 360.0 if self.half_turns and turned > 180.0 else turned
 
@@ -144,8 +144,8 @@ ASSEMBLY_FORMATS = tuple(PLACEMENTS)
 class CplContent:
     """Rows of a pick-and-place file, converted to the board frame.
 
-    table: The known format that the file's header fits best.
-    headers: The file's own columns, in its order.
+    table: The known format that matches the file's header best.
+    headers: The file's own column headers, in its order.
     lines: Line number of each row in the file, from 1.
     xy_mm (n, 2)
     sides: ``Top``, or the file's word if it is not the house's word for the top.
@@ -167,8 +167,8 @@ def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
     """Read a pick-and-place file of any known house, recognised by its header; other columns are ignored.
 
     Returns: None if there is no table; an unreadable number is NaN.
-    problems: Receives at most twenty faults: not a text, not such a table, incomplete rows, and coordinates (10 m) or rotations
-        (a turn) that are not finite or too large.
+    problems: At most twenty are appended: not a text, not such a table, incomplete rows, and coordinates or rotations that are
+        not finite or beyond 10 m or a full turn.
     """
     try:
         style, text = _text(data)
@@ -218,7 +218,7 @@ def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
 
 
 def _text(data: bytes) -> tuple[Style, str]:
-    """Style and text, without the mark that makes a comment of the header of a table with tabs."""
+    """Style and decoded text; the comment mark before the header of a tab-separated table is removed."""
     if len(data) > MOST_CPL_BYTES:
         raise _refused(f"is larger than {MOST_CPL_BYTES} bytes; it is no pick-and-place file")
     try:
@@ -231,9 +231,9 @@ def _text(data: bytes) -> tuple[Style, str]:
 
 
 def plain_columns(text: str, separator: str | None) -> list[list[str]] | None:
-    """Columns of a table of two or more, header first, if Python's csv module would write it in these very bytes without quotes.
+    """Columns, header first, of a table whose cells are all unquoted and which Python's csv module would write in the same bytes.
 
-    None for any other, which may be a table all the same. Large lists are read so in a tenth of the time.
+    None for anything else, such as quoted cells or one column, which the csv module then reads in ten times the time.
     """
     ends = text.count("\n")
     # RFC 4180: lines end with CR LF, and only quoted cells hold quotes, separators or line ends
@@ -241,17 +241,17 @@ def plain_columns(text: str, separator: str | None) -> list[list[str]] | None:
         return None
     if text.count("\r") != ends or text.count("\r\n") != ends:
         return None
-    # in UTF-8 no byte of a longer letter is below 128, so that each such byte is a mark
+    # in UTF-8 multi-byte characters have no byte below 128, so each byte that equals a separator is one
     letters = np.frombuffer(text.encode("utf-8"), dtype=np.uint8)
     marks = np.flatnonzero((letters == ord(separator)) | (letters == ord("\n")))
     width = len(marks) // ends
     of_row = np.append(np.full(width - 1, ord(separator)), ord("\n"))
     if width < 2 or len(marks) != width * ends or (letters[marks].reshape(-1, width) != of_row).any():
         return None
-    # the csv module refuses such a cell, and so must this way
+    # the csv module refuses such a cell, so it is left to that
     if int(np.diff(marks, prepend=-1).max()) > csv.field_size_limit():
         return None
-    # the marks were checked to come row by row, so that column i is every width-th cell
+    # every row was found to have the same number of cells, so that column i is every width-th cell
     cells = text.removesuffix("\r\n").replace("\r\n", separator).split(separator)
     return [cells[i::width] for i in range(width)]
 
@@ -277,7 +277,7 @@ def _csv_rows(text: str, separator: str) -> Iterable[tuple[int, list[str]]]:
 
 
 def _kicad_rows(text: str) -> Iterable[tuple[int, list[str]]]:
-    """The aligned text of KiCad: comments, of which one gives the unit, one the header, and the last is the end."""
+    """Rows of KiCad's aligned text: comment lines give the unit and the header, and the last comment marks the end."""
     lines = text.splitlines()
     header = next((i for i, line in enumerate(lines) if line.startswith("# ")), None)
     if header is None or lines[-1] != "## End":
@@ -291,7 +291,7 @@ def _kicad_rows(text: str) -> Iterable[tuple[int, list[str]]]:
 
 
 def _table_of(style: Style, header: Sequence[str]) -> PlacementTable:
-    """The known list of the file's style with most columns in common."""
+    """The known format of this style that has most columns in common with the header."""
     table = max((t for t in PLACEMENTS.values() if t.style == style), key=lambda t: len(set(t.headers) & set(header)))
     if lacking := [name for name in table.headers if name not in header]:
         raise _refused(f"has no column {', '.join(lacking)}; write it with the columns {', '.join(table.headers)}")
@@ -301,9 +301,9 @@ def _table_of(style: Style, header: Sequence[str]) -> PlacementTable:
 def _numbers(cells: Sequence[str], unit: str) -> FloatArray:
     """Cells as numbers, with or without the column's unit after them; NaN for a cell that is not a number, or of another unit.
 
-    Python reads '_' and the digits of every alphabet, too: '1_0' would be 10 here and 1 elsewhere.
+    `float` also accepts '_' and non-ASCII digits: '1_0' would be 10 here and 1 elsewhere.
     """
-    # letters of all cells are checked in one go, and cells are read one by one only where one is odd
+    # the characters of all cells are checked at once; cells are read one by one only if that fails
     if all(cells) and written_with("".join(cells), _OF_NUMBERS):
         try:
             return np.array(list(map(float, cells)))
@@ -313,7 +313,7 @@ def _numbers(cells: Sequence[str], unit: str) -> FloatArray:
 
 
 def written_with(text: str, letters: str) -> bool:
-    """Whether a text has no letter but these."""
+    """Whether a text consists only of these characters."""
     return text.isascii() and not text.encode("ascii").translate(None, letters.encode("ascii"))
 
 

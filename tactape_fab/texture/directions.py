@@ -16,9 +16,9 @@ class Directions:
 
     gray_codes (count,): Bits of each symbol value as one number; neighbouring directions differ in one bit.
     clockwise (count,): Symbol values in clockwise order from E.
-    reads_within: Largest distance, in displacements, of a part from a symbol's place at which it shows the symbol: less than half
-        the distance of neighbouring places.
-    usual: Whether these are the paper's four, which manifests, commands and reports do not mention.
+    reads_within: Largest distance of a part from a symbol's nominal place, in displacements, at which it reads as that symbol:
+        less than half the distance of neighbouring places.
+    usual: Whether these are the paper's four, the default that manifests, commands and reports do not mention.
     """
 
     gray_codes: SymbolArray
@@ -52,13 +52,13 @@ class Directions:
 
     @property
     def spacing(self) -> float:
-        """Distance of neighbouring places over that of four directions: chords of one circle."""
+        """Distance of neighbouring symbol places relative to that of four directions; both are chords of one circle."""
         # the chord of an angle 2 pi / n is 2 sin(pi / n)
         return sin(pi / self.count) / sin(pi / 4.0)
 
     @property
     def reach_diagonal(self) -> float:
-        """Largest |x| + |y| of a part's displacement, in displacements along an axis."""
+        """Largest |x| + |y| of a part's displacement, in displacements."""
         return float(np.abs(self.xy).sum(axis=1).max())
 
 
@@ -73,5 +73,5 @@ DIRECTIONS = {
         reads_within=1.0 / 3.0,
     ),
 }
-"""Directions by their number. For four directions the Gray codes are the symbol values themselves, x and y bit."""
+"""Directions by their number. For four directions the Gray codes are the symbol values themselves, the x and the y bit."""
 USUAL_DIRECTIONS = next(count for count, directions in DIRECTIONS.items() if directions.usual)

@@ -1,4 +1,4 @@
-"""Frames and symbols: the only y-flips and the only table of symbol directions in the package.
+"""Coordinate frames and symbols: the only y-flips and the only table of symbol directions in the package.
 
 Texture frame (mm): origin at grid point (column 0, row 0), x right, y *down*, seen from above the components.
 Board frame (mm): origin at the lower-left corner of the outline, x right, y *up*, seen from the same side.
@@ -45,7 +45,7 @@ _NO_POINTS = Problem(
 )
 
 _LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)
-# 255 is no symbol of any number of directions, so that other letters are refused with those of too many directions
+# other letters become 255, which is refused together with symbols of more directions than the tape has
 _VALUE_OF_BYTE = np.full(256, 255, dtype=np.uint8)
 _VALUE_OF_BYTE[_LETTER_BYTES] = np.arange(len(LETTERS), dtype=np.uint8)
 
@@ -68,13 +68,13 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     Raises
     ------
     SpecError
-        If these are no points.
+        If `xy_mm` is not an array of points (x, y).
     """
     try:
         xy = np.asarray(unmasked(xy_mm), dtype=np.float64)
         _refuse_no_pairs(xy, texture_origin_mm)
         board = np.empty(xy.shape)
-        # axis by axis: numpy takes many times as long for operands of two numbers
+        # axis by axis: broadcasting over a last axis of length 2 takes numpy many times as long
         np.add(xy[..., 0], texture_origin_mm[0], out=board[..., 0])
         np.subtract(texture_origin_mm[1], xy[..., 1], out=board[..., 1])
     except (TypeError, ValueError, IndexError, KeyError, OverflowError):
@@ -100,7 +100,7 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     Raises
     ------
     SpecError
-        If these are no points.
+        If `xy_mm` is not an array of points (x, y).
     """
     try:
         xy = np.asarray(unmasked(xy_mm), dtype=np.float64)
@@ -115,17 +115,17 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
 
 
 def _refuse_no_pairs(xy_mm: FloatArray, origin_mm: Sequence[float]) -> None:
-    """Refuse points in space, whose z would be left at what memory holds. Raises ValueError."""
+    """Refuse points that do not have two coordinates: `np.empty` would leave a z uninitialised. Raises ValueError."""
     if xy_mm.shape[-1] != 2 or len(origin_mm) != 2:
         raise ValueError
 
 
 def board_to_picture(xy_mm: npt.ArrayLike, upper_left_mm: tuple[float, float], px_per_mm: float) -> FloatArray:
-    """Map board points to a picture of the board whose corner is at `upper_left_mm`.
+    """Map board points to pixels of a picture whose upper left corner is at `upper_left_mm` on the board.
 
     Returns (..., 2): Pixels: u right, v down, integers at pixel centres.
     """
-    # a pixel's centre is half a pixel from the picture's edge
+    # the centre of pixel 0 is half a pixel inside the picture's edge
     return board_to_texture(xy_mm, upper_left_mm) * px_per_mm - 0.5
 
 
@@ -140,12 +140,12 @@ def snap_mm(value_mm: npt.ArrayLike) -> FloatArray:
 
 
 def symbols_to_rows(symbols: SymbolArray) -> list[str]:
-    """Symbol values, shape (rows, columns), as one string per row: N/E/S/W, and n/e/s/w of eight directions."""
+    """Symbol values, shape (rows, columns), as one string per row: N/E/S/W, with eight directions n/e/s/w as well."""
     return [row.tobytes().decode("ascii") for row in _LETTER_BYTES[symbols]]
 
 
 def rows_to_symbols(rows: Sequence[str], directions: int = 4) -> SymbolArray:
-    """Strings of N/E/S/W, one per row and of equal length, as symbol values of shape (rows, columns); of eight, n/e/s/w as well.
+    """Symbol values, shape (rows, columns), of equally long strings of N/E/S/W, with eight directions n/e/s/w as well.
 
     Raises ValueError if the rows differ in length or hold another letter.
     """

@@ -1,4 +1,4 @@
-"""Manifest files: path and content as a mapping; `texture.tape` and `texture.panel_manifest` read the tables."""
+"""Manifest files: finding, reading and checking the format; `texture.tape` and `texture.panel_manifest` read the content."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 MANIFEST_FORMAT = "tactape-manifest/1"
 PANEL_FORMAT = "tactape-panel/1"
 PACKED_FIRST_LINE = b"tactape-registry/1\n"
-"""Begin of a packed registry, which holds many tapes and is no kit."""
+"""First line of a packed registry, which holds many tapes and is not a kit."""
 MANIFEST_NAME = "manifest.json"
 SIGNATURE_NAME = f"{MANIFEST_NAME}.sig"
-"""File beside a manifest with the signature of who made the kit."""
+"""Detached signature of the manifest, by the maker of the kit."""
 MOST_MANIFEST_BYTES = 16 * 1024 * 1024
-"""A tape of 500,000 grid points, half of them omitted, 10,000 holes and 100 files takes 5 MB."""
+"""Most bytes of a manifest: one with 500,000 grid points, half of them omitted, 10,000 holes and 100 files takes 5 MB."""
 
 
 def find_manifest(path: str | Path) -> Path:
@@ -36,7 +36,7 @@ def find_manifest(path: str | Path) -> Path:
         file = place / MANIFEST_NAME if is_folder else place
         unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
         there = file.is_file()
-    except (OSError, RuntimeError, ValueError) as error:  # a link to itself, or a name that is invalid on every system
+    except (OSError, RuntimeError, ValueError) as error:  # a link loop, or a name that is invalid on every system
         raise SpecError(f"{shown_path(place)} is no kit: {reason_of(error)}; give the folder of a kit") from error
     if unfinished:
         raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
@@ -82,7 +82,7 @@ def read_any_manifest(file: Path) -> dict[str, Any]:
 
 
 def safe_path(text: object) -> PurePosixPath | None:
-    """A manifest's path, or None where it could lead out of the kit's folder."""
+    """A path from a manifest; None if it could lead out of the kit's folder."""
     if not isinstance(text, str) or not re.fullmatch(r"[A-Za-z0-9._ /+-]{1,300}", text):
         return None
     path = PurePosixPath(text)

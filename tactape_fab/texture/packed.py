@@ -1,9 +1,9 @@
 """Packed registry: the designs of many tapes in one file, which is read a hundred times as fast as their kits.
 
-The file is the line `tactape-registry/1`; the SHA-256 of all that follows, as a line of 64 hexadecimal digits; the length of the
-index, 8 bytes, the lowest first; the index, JSON; and the symbols of all tapes, a byte each, row by row. In the index `designs`
-are manifests without what differs from tape to tape, and `tapes` are rows of that. Of a large file symbols stay on the disk until
-they are used.
+The file is the line `tactape-registry/1`; the SHA-256 of everything after it, as a line of 64 hexadecimal digits; the length of
+the index, 8 bytes, little-endian; the index, JSON; and the symbols of all tapes, one byte each, row by row. In the index,
+`designs` are manifests without the keys that differ from tape to tape, and `tapes` has one row of these keys per tape. The
+symbols of a large file are memory-mapped.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ MOST_TAPES = 65_536
 MOST_INDEX_BYTES = 64 * 1024 * 1024
 MOST_BYTES = 4 * 1024**3
 MOST_HELD_BYTES = 64 * 1024 * 1024
-"""Of a file that is read into memory. What is mapped changes with the file, where another one is copied over it:
-frames are then compared with other symbols than were checked, or the system ends the process where the file is shorter (SIGBUS).
+"""Largest file that is read into memory; larger ones are mapped. If a mapped file is overwritten in place, frames are compared
+with symbols that were not checked, or, if it became shorter, SIGBUS ends the process.
 """
 _HEADER = len(PACKED_FIRST_LINE) + 64 + 1
 _OWN = ("name", "sector", "origin", "symbols", "symbols_sha256")
@@ -42,9 +42,9 @@ _OWN = ("name", "sector", "origin", "symbols", "symbols_sha256")
 
 
 def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
-    """The packed registry of some tapes, each with the name of the fab profile that it was made for.
+    """The bytes of a packed registry of tapes; `fabs` has the name of the fab profile of each.
 
-    Raises SpecError if a tape was measured: a packed registry holds designs.
+    Raises SpecError if a tape has measured places: a packed registry holds designs only.
     """
     measured = [tape.name for tape in tapes if tape.as_built is not None]
     if measured:
@@ -57,7 +57,7 @@ def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
         content = tape.to_mapping()
         row = {key: content.pop(key) for key in _OWN if key in content and key != "symbols"}
         del content["symbols"]
-        # the tag's id follows the sector: left in, every tape would be a design of its own
+        # the tag's id differs with the sector: left in, every tape would be a design of its own
         if tape.tag is not None:
             row["tag_id"], content["tag"]["id"] = tape.tag.id, 0
         # sorted keys, so that equal designs are equal texts
@@ -69,7 +69,7 @@ def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
 
 
 def is_packed(path: Path) -> bool:
-    """Whether a path is that of a file which begins as a packed registry does."""
+    """Whether a file begins with the first line of a packed registry."""
     try:
         with open_regular(path) as stream:
             return stream.read(len(PACKED_FIRST_LINE)) == PACKED_FIRST_LINE
@@ -80,10 +80,10 @@ def is_packed(path: Path) -> bool:
 def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
     """The tapes of a packed registry, each with the name of its fab profile.
 
-    Every value is checked as that of a manifest, and symbols against the code. A file above `MOST_HELD_BYTES` may be replaced
-    by another one of its name while its tapes are used, as `registry --pack` does it, but not be written to.
+    Every value is checked as in a manifest, and symbols against the code. While its tapes are used, a file above
+    `MOST_HELD_BYTES` may be replaced by renaming another, as `registry --pack` does, but must not be written to.
 
-    Raises SpecError if it cannot be read, is damaged, too large, or a tape is impossible.
+    Raises SpecError if it cannot be read, is damaged or too large, or has an invalid tape.
     """
     try:
         with open_regular(path) as stream:
@@ -93,7 +93,7 @@ def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
     except (OSError, ValueError) as error:
         raise _refused(path, reason_of(error)) from error
     begin = _HEADER + 8
-    # the length is checked before the digest, and bounds what is read as JSON
+    # the index's length is checked before the digest, and bounds the JSON text
     size = int.from_bytes(data[_HEADER:begin], "little")
     if len(data) > MOST_BYTES or size > min(MOST_INDEX_BYTES, len(data) - begin):
         raise _refused(path, "it is cut off, or too large")
@@ -114,10 +114,10 @@ def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
 
 
 def _tapes(path: Path, data: SymbolArray, at: int, designs: Sequence[Any], rows: list[Any]) -> Iterator[tuple[Tape, str]]:
-    """The tapes of an index, whose symbols begin at a byte of the file; `rows` is emptied."""
+    """The tapes of an index, whose symbols begin at offset `at`; rows are released once they are read."""
     first: dict[int, Tape] = {}
     for number in range(len(rows)):
-        row, rows[number] = rows[number], None  # tapes take the memory of rows that are done
+        row, rows[number] = rows[number], None  # its memory is free for the tapes
         table = Fields(row if isinstance(row, dict) else {}, f"tapes[{number}].")
         design, fab = table.integer("design", low=0, high=len(designs) - 1), table.text("fab", longest=200)
         content = designs[design] if not table.problems and isinstance(designs[design], dict) else {}
@@ -143,7 +143,7 @@ def _tapes(path: Path, data: SymbolArray, at: int, designs: Sequence[Any], rows:
 
 def _first_of(content: dict[str, Any], row: dict[str, Any], symbols: SymbolArray) -> Tape:
     """A tape from its design and its row, as from a manifest."""
-    # only for the letters below; `Tape.from_mapping` refuses a number that is neither
+    # needed for the letters below; `Tape.from_mapping` refuses any number other than 4 and 8
     directions = 8 if content.get("directions") == 8 else 4
     if symbols.max() >= directions:
         raise SpecError(f"a symbol is {symbols.max()}, and there are {directions}")
@@ -154,7 +154,7 @@ def _first_of(content: dict[str, Any], row: dict[str, Any], symbols: SymbolArray
 
 
 def _another(first: Tape, row: Fields, symbols: SymbolArray) -> Tape:
-    """Another tape of the same design; what it shares with the first one was checked."""
+    """Another tape of the same design; only the keys in which it differs from the first one are checked."""
     code = get_code(first.code)
     name, sector = row.text("name", pattern=NAME_PATTERN), row.integer("sector", low=0, high=code.sectors - 1)
     column, line = row.integers("origin", 2, low=0, high=code.range - 1)

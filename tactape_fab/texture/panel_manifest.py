@@ -1,4 +1,4 @@
-"""The manifest of a panel: its kits and their places. `Tape` does not use it."""
+"""The manifest of a panel: its kits and their places."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PlacedTape:
     """A tape on a panel: p_panel = offset_mm + R_ccw(rotation_deg) p_board.
 
     manifest: Path of its kit's manifest, relative to the panel's folder.
-    sha256: Digest of that manifest.
+    sha256: SHA-256 of that manifest.
     first_designator: The panel's designator of the tape's R1.
     """
 
@@ -38,7 +38,7 @@ class PlacedTape:
 
 
 def is_panel(content: Mapping[str, Any]) -> bool:
-    """Whether a manifest is a panel's."""
+    """Whether a manifest is that of a panel."""
     return content.get("format") == PANEL_FORMAT
 
 
@@ -74,14 +74,14 @@ def _turn(entry: Fields) -> float:
 
 
 def kits_of(path: Path) -> list[Path]:
-    """The kits of a panel, given its folder or manifest; only the path itself if it is not a panel.
+    """Paths of a panel's kits, given its folder or manifest; the path itself alone if it is not a panel.
 
     Raises SpecError if it is a panel whose manifest cannot be read.
     """
     try:
         file = find_manifest(path)
         content = read_any_manifest(file)
-    except SpecError:  # reported when it is read as a kit
+    except SpecError:  # the error is reported when the path is read as a kit
         return [path]
     if not is_panel(content):
         return [path]

@@ -9,7 +9,7 @@ from tactape_fab.texture.board import LEAST_MM
 
 PART_SHAPES = ("block", "dome")
 LEAST_ASPECT = 1.25
-"""Length over width from which on the direction of bodies is looked for. Chosen; that of chip resistors is 2."""
+"""Least ratio of length to width of a long part, whose direction the decoder looks for. Chosen; chip resistors have 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,19 +28,19 @@ class TapePart:
 
     @property
     def relief(self) -> tuple[object, ...]:
-        """Its shape, size and, if it is long, direction: what a contact feels of it."""
-        # after half a turn a body is the same
+        """Shape, size and, if the part is long, direction: everything that a contact can feel of it."""
+        # half a turn maps a body onto itself
         turn_deg = self.rotation_deg % 180.0 if is_long(self.shape, self.body_mm) else 0.0
         return self.shape, self.body_mm, turn_deg
 
     @property
     def open_turns_deg(self) -> tuple[int, ...]:
-        """Turns of a contact that the parts' own direction leaves open: both of half a turn, or all four of round parts."""
+        """Turns of a contact that cannot be told apart by the parts' direction: two of long parts, all four of others."""
         return (0, 180) if is_long(self.shape, self.body_mm) else (0, 90, 180, 270)
 
 
 def is_long(shape: str, body_mm: tuple[float, float, float]) -> bool:
-    """Whether bodies (length, width, height in mm) are long enough for dots to show their direction, and so a quarter turn."""
+    """Whether a body (length, width, height in mm) is long enough for its dot to show its direction, and so a quarter turn."""
     return shape == "block" and max(body_mm[:2]) >= LEAST_ASPECT * min(body_mm[:2])
 
 

@@ -1,4 +1,4 @@
-"""Codes with a plane: encode a patch of the code plane, and decode a patch's place window by window.
+"""Codes with a plane: encoding of a patch of the code plane, and decoding of the place of each window of a patch.
 
 A code plane of sequences, with M the main sequence (length L, order n), d(k) the difference at plane index k and
 (u, v) = divmod(sector, L):
@@ -26,14 +26,14 @@ from tactape_fab.texture.frames import BoolArray, IntArray, SymbolArray, symbols
 from tactape_fab.texture.sequences import NumberSequence
 
 MOST_POINTS = 500_000
-"""Grid points of a tape."""
+"""Most grid points of a tape."""
 
 
 class Plane(Protocol):
     """A two-dimensional position code: a tape shows a patch of its plane.
 
-    window: Columns and rows of a window that determines its place.
-    range: Columns and rows that a tape has at most.
+    window: Side of a window that determines its place, in grid points.
+    range: Most columns, and most rows, of a tape.
     """
 
     @property
@@ -53,7 +53,7 @@ class Plane(Protocol):
 
 
 class TapesOfPlane(ABC):
-    """Methods of all codes with a plane: a tape shows the patch at its origin, and needs no other proof of it."""
+    """Methods of all codes with a plane: a tape's symbols are the patch at its origin, so they need no digest."""
 
     directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)
     """Two bits, x and y, say four."""
@@ -77,7 +77,7 @@ class TapesOfPlane(ABC):
         *,
         half_turns: bool = False,
     ) -> SymbolArray:
-        """The patch of the plane at `origin`, see `encode`; `origin` alone separates it from other tapes."""
+        """The patch of the plane at `origin`, see `encode`; `avoid` is not used, as `origin` was chosen for that."""
         return encode(self.plane, sector, origin, shape)
 
     def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
@@ -96,7 +96,7 @@ class TapesOfPlane(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneCode(TapesOfPlane):
-    """A `Plane` made of number sequences along its axes. `texture.code.Code` says what every code has.
+    """A `Plane` made of number sequences along its axes. `texture.code.Code` documents the common attributes.
 
     main: The binary main sequence M; its order is the window's side.
     secondary: Sequences of order ``main.order - 1`` and pairwise coprime lengths whose digits make up the differences.
@@ -142,18 +142,18 @@ class PlaneCode(TapesOfPlane):
         The origins of any two sectors are at least one stride apart on both axes, and tapes of up to 166 x 166 points never
         overlap in the plane, so that sectors are not shifts of one another.
         """
-        # 17 is coprime to 256 and to 3969, so that no two sectors share a row. Sectors whose columns are near have rows far
-        # apart: one sector on is 17 strides of rows, and of 256 sectors the rows come near again only 15 on
+        # 17 is coprime to 256 and to 3969, so that no two sectors share a row. Sectors with near columns have rows far apart: the
+        # next sector is 17 strides of rows away, and with 256 sectors rows come near again only 15 sectors on
         return self.origin_stride * sector, self.origin_stride * (17 * sector % self.sectors)
 
     @cached_property
     def weights(self) -> tuple[int, ...]:
-        """Weight of each secondary digit in the difference, a mixed-radix number, so that a difference determines all digits."""
+        """Weight of each secondary digit in the difference: a mixed-radix number, so a difference determines all digits."""
         return tuple(prod(s.base for s in self.secondary[:i]) for i in range(len(self.secondary)))
 
     @property
     def greatest_difference(self) -> int:
-        """The difference where all secondary digits are as large as they can be."""
+        """The difference where all secondary digits have their largest value."""
         return self.least_difference + sum(w * (s.base - 1) for w, s in zip(self.weights, self.secondary, strict=True))
 
     @cached_property
@@ -176,8 +176,8 @@ class PlaneCode(TapesOfPlane):
         row = origin[1] + np.arange(rows, dtype=np.int64)
         bits = self.main.digits.astype(np.uint8)
         phases = np.arange(length)
-        # X depends on the column through its phase alone, of which there are L: a table by row and phase, from which each column
-        # takes its own, costs rows x L instead of rows x columns
+        # X depends on the column only through its phase, which has L values: a table by row and phase, from which columns are
+        # taken, costs rows x L instead of rows x columns
         x_of_phase = bits[(row[:, None] + u + phases) % length]  # (rows, L)
         y_of_phase = bits[(column + v + phases[:, None]) % length]  # (L, columns)
         x = x_of_phase.take(self.phase_before(column), axis=1)
@@ -192,7 +192,7 @@ class PlaneCode(TapesOfPlane):
         column, column_phase, column_valid = _places_along_columns(self, values & 1)
         row_t, row_phase_t, row_valid_t = _places_along_columns(self, (values >> 1).T)
         row, row_phase = row_t.T, row_phase_t.T
-        # the phase of a column at a row is row + u + the differences before it: solved for u, and alike for v
+        # the phase of a column at a row is row + u + the differences before it; this is solved for u, and likewise for v
         u = (column_phase - self.phase_before(column) - row) % length
         v = (row_phase - self.phase_before(row) - column) % length
         valid = column_valid & row_valid_t.T
@@ -209,7 +209,7 @@ def encode(code: Plane, sector: int, origin: tuple[int, int], shape: tuple[int, 
 
     sector: 0 ... code.sectors - 1.
     origin: Column and row of the patch's first point in the code plane.
-    shape: Rows and columns of the patch. No array longer than the patch is built, at any origin.
+    shape: Rows and columns of the patch. Memory does not grow with the origin.
     Returns (rows, columns): Values ``x_bit + 2 * y_bit``.
     Raises CapacityError if the patch exceeds the code's range or the sector does not exist.
     """
@@ -229,7 +229,7 @@ def encode(code: Plane, sector: int, origin: tuple[int, int], shape: tuple[int, 
 
 
 def refuse_other_symbols(code: Plane, symbols: SymbolArray, sector: int, origin: tuple[int, int]) -> None:
-    """Refuse symbols that a code does not have at a place. Raises SpecError."""
+    """Refuse symbols that differ from the code's at a place. Raises SpecError."""
     expected = encode(code, sector, origin, (len(symbols), len(symbols[0])))
     wrong = np.argwhere(symbols != expected)
     if len(wrong) == 0:
@@ -261,29 +261,29 @@ def _places_along_columns(code: PlaneCode, bits: IntArray) -> tuple[IntArray, In
     """Plane column of each window, the phase of its first column, and validity, from the x bits of a patch."""
     n, length = code.window, code.main.length
     windows = np.lib.stride_tricks.sliding_window_view(bits, n, axis=0)  # (rows', columns, n)
-    # n bits down a column are a word that M has once: its place is the phase
+    # the word of n bits down a column occurs once in M: its place is the phase
     phase = code.main.place_of_window[windows @ code.main.digit_weights]
     phase_valid = phase >= 0
-    # the differences of neighbouring columns, less the least one: a number of mixed radix, a digit of each secondary sequence
+    # the differences of neighbouring columns less the least one: mixed-radix numbers, with one digit per secondary sequence
     excess = (phase[:, 1:] - phase[:, :-1] - code.least_difference) % length
     valid = np.asarray(np.lib.stride_tricks.sliding_window_view(phase_valid, n, axis=1).all(axis=-1))
-    # microdots-4x4 has 15 differences of 16, anoto-6x6 54 of 63; another cannot be
+    # microdots-4x4 uses 15 differences of 16, anoto-6x6 54 of 63; any other is invalid
     steps_known = excess < prod(s.base for s in code.secondary)
     valid &= np.lib.stride_tricks.sliding_window_view(steps_known, n - 1, axis=1).all(axis=-1)
     place: IntArray = np.zeros(valid.shape, dtype=np.int64)
     for weight, sequence, factor in zip(code.weights, code.secondary, code._crt_factors, strict=True):
         digit = excess // weight % sequence.base
-        # n columns have n - 1 differences, so that secondary sequences are of order n - 1
+        # n columns have n - 1 differences, which is why secondary sequences have order n - 1
         words = np.lib.stride_tricks.sliding_window_view(digit, n - 1, axis=1) @ sequence.digit_weights
         residue = sequence.place_of_window[words]
         valid &= residue >= 0
-        # where a residue is -1 this is no place; the mask says so
+        # invalid where a residue is -1, which the mask excludes
         place += residue * factor
     return place % code.range, phase[:, : valid.shape[1]], valid
 
 
 def locate_windows(code: Plane, symbols: SymbolArray) -> WindowPlaces:
-    """Decode the place and sector of every n x n window of a patch, each by table look-ups of constant cost.
+    """Decode the place and sector of every n x n window of a patch, in constant time each.
 
     symbols (rows, columns): Symbol values in the texture's own rotation; at least n x n.
     """

@@ -1,4 +1,4 @@
-"""Reader of registries: a user's paths (kits, panels, manifests, folders of them) to tapes. All commands use it."""
+"""Reader of tapes from a user's paths: kits, panels, manifests, folders of these, packed registries. All commands use it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tactape_fab.texture.tape import Tape, no_tape
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registered:
-    """A tape, the path of its kit, and the name of the fab or process profile that it was made for."""
+    """A tape, the path of its kit or packed registry, and the name of its fab or process profile."""
 
     path: Path
     tape: Tape
@@ -44,7 +44,8 @@ def read_tapes(paths: str | Path | Sequence[str | Path], as_built: str | Path | 
         Folders of kits, panels or embossed parts, their manifests, folders of such folders (in the order of their names), or
         packed registries.
     as_built : path or sequence of path
-        Files of measured places, each of one of the kits: in place of the as-built.json beside it. ``["none"]``: none at all.
+        Files of measured places, each of one of the kits, in place of the as-built.json beside it; ``["none"]`` for the places
+        of the design.
 
     Returns
     -------
@@ -54,13 +55,13 @@ def read_tapes(paths: str | Path | Sequence[str | Path], as_built: str | Path | 
     Raises
     ------
     SpecError
-        What is wrong with any of them, all together.
+        With the problems of all paths together.
     """
     return [entry.tape for entry in read_registered(paths, as_built)]
 
 
 def as_tapes(tapes: object) -> list[Tape]:
-    """List of tapes from tapes or paths (see `read_tapes`), or from a single one.
+    """List of tapes from tapes or paths (see `read_tapes`), or from a single tape or path.
 
     Raises SpecError: what is wrong with any of them, all together.
     """
@@ -93,7 +94,7 @@ def read_registered(
     for given_path in [paths] if isinstance(paths, str | PathLike) or not isinstance(paths, Iterable) else paths:
         try:
             path = as_path(given_path, "paths", "kits")
-            if given_path == "":  # as a path it is the current folder
+            if given_path == "":  # Path("") would be the current folder
                 raise SpecError(Problem("tape", "tape = '' is empty; give the path of a kit"))
             packed = is_packed(path)
             if packed:
@@ -107,7 +108,7 @@ def read_registered(
         for place in places:
             try:
                 file = find_manifest(place)
-            except SpecError as error:  # it names the place
+            except SpecError as error:  # its message names the place
                 problems.extend(Problem("tape", problem.message) for problem in error.problems)
                 continue
             try:
@@ -124,16 +125,16 @@ def read_registered(
 
 
 def _of_kit(place: Path, problem: Problem) -> Problem:
-    """A problem of a kit's file: its keys are the file's, and the place is put before it, unless it begins with a file there."""
+    """A problem of a kit's file, with the kit's path put before its message unless that names the file already."""
     if problem.message.startswith(f"{place}{os.sep}"):
         return Problem("tape", problem.message)
-    if problem.message.startswith(f"{place.name} ") and place.is_file():  # no folder with the name of a key
+    if problem.message.startswith(f"{place.name} ") and place.is_file():  # a folder might have the name of a key
         return Problem("tape", f"{shown_path(place)}{problem.message.removeprefix(place.name)}")
     return Problem(f"tape {shown_path(place)}: {problem.key}", f"{shown_path(place)}: {problem.message}")
 
 
 class _Measured:
-    """Files of measured places, by the digests of the manifests that they belong to."""
+    """Files of measured places, by the digest of the manifest that each belongs to."""
 
     def __init__(self, files: Sequence[str | Path]) -> None:
         given: object = files
@@ -171,15 +172,15 @@ class _Measured:
 
 
 def labels(entries: Sequence[Registered]) -> tuple[str, ...]:
-    """Names of the tapes, each with the path of its kit if another tape has the same name."""
+    """Names of the tapes; a name that occurs twice is followed by the path of the kit."""
     names = Counter(e.tape.name for e in entries)
     return tuple(e.tape.name if names[e.tape.name] == 1 else f"{e.tape.name} ({shown_path(e.path)})" for e in entries)
 
 
 def refuse_equal_names(tapes: Iterable[Tape], what: str) -> None:
-    """Refuse two textures of one name where that alone says which tape is meant.
+    """Refuse two different tapes of the same name where a tape is identified by its name only.
 
-    what: What has nothing but the name, for the message.
+    what: The thing that identifies tapes by name, for the message.
     Raises SpecError.
     """
     first: dict[str, Tape] = {}
@@ -192,11 +193,11 @@ def refuse_equal_names(tapes: Iterable[Tape], what: str) -> None:
 
 
 def _kits_at(path: Path) -> list[Path]:
-    """A kit itself, the kits of a panel, or the kits and panels in a folder that is neither."""
+    """Paths of kits: the path itself if it is a kit, those of a panel, or those of all kits and panels in a folder."""
     try:
         if not path.is_dir() or (path / MANIFEST_NAME).exists():
             return kits_of(path)
         inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
-    except (OSError, ValueError):  # Tape.load raises the error
+    except (OSError, ValueError):  # reported when the path is read as a kit
         return [path]
     return [kit for place in inside for kit in kits_of(place)] or [path]

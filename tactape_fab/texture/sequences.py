@@ -1,4 +1,4 @@
-"""Number sequences: de Bruijn sequences by construction, Anoto's as data.
+"""Number sequences: de Bruijn sequences are constructed, Anoto's are data.
 
 A sequence of order n over k digits contains every cyclic window of n digits at most once, so a window determines its place.
 """
@@ -34,7 +34,7 @@ class NumberSequence:
         return len(self.digits)
 
     def window_values(self) -> IntArray:
-        """Each cyclic window as one number in base `base`, first digit most significant; shape (length,)."""
+        """Value of each cyclic window as a number in base `base`, first digit most significant; shape (length,)."""
         places = np.arange(self.length)[:, None] + np.arange(self.order)
         return np.asarray(self.digits[places % self.length] @ self.digit_weights, dtype=np.int64)
 
@@ -56,8 +56,8 @@ class NumberSequence:
         return np.concatenate(([0], np.cumsum(self.digits)))
 
     def sum_before(self, index: IntArray) -> IntArray:
-        """Sum of the digits at places 0 ... index - 1 of the periodic sequence; any index >= 0, same shape out."""
-        # whole periods and the rest: no array as long as the index, which reaches 410,815,348
+        """Sum of the digits at places 0 ... index - 1 of the periodic sequence, for each index >= 0; the shape of `index`."""
+        # whole periods and a remainder, as a cumulative sum would be as long as the index, which reaches 410,815,348
         turns, place = np.divmod(index, self.length)
         return np.asarray(turns * self._prefix_sums[-1] + self._prefix_sums[place], dtype=np.int64)
 
@@ -72,7 +72,7 @@ def de_bruijn(base: int, order: int) -> NumberSequence:
     word = [-1]
     while word:
         word[-1] += 1
-        # only these words, of length n or a divisor, are periods of words of n digits
+        # the sequence consists of the Lyndon words whose length divides n
         if order % len(word) == 0:
             digits += word
         # Duval's successor: the word repeated to n digits, its last digits k - 1 dropped, and the last of the rest raised by one
@@ -88,8 +88,8 @@ def _from_text(text: str, base: int, order: int) -> NumberSequence:
     return NumberSequence(digits=np.array([int(d) for d in text], dtype=np.int64), base=base, order=order)
 
 
-# Main sequence and A1 ... A3: Anoto AB, US patent 7,999,798. The A4 printed there is no quasi de Bruijn sequence;
-# A4 here is the one that py-microdots (C. Heindl, 2023, MIT) corrected. Numbers only.
+# Main sequence and A1 ... A3: Anoto AB, US patent 7,999,798. The A4 printed there is not a quasi de Bruijn sequence;
+# A4 here is as corrected by py-microdots (C. Heindl, 2023, MIT). Only the numbers were taken.
 _ANOTO_MAIN = "000000100111110100100001110111001010100010110110011010111100011"
 _ANOTO_A1 = (
     "0000010000201001010020001100012001020020201101011020120101202100111011110210102110012101120002102021"

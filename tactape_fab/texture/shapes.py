@@ -1,4 +1,4 @@
-"""Polygons and distances of the board: vectorised geometry functions shared by plan, layout and rules (mm)."""
+"""Vectorised geometry of outlines, shared by plan, layout and rules (mm)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from tactape_fab.texture.frames import FloatArray, snap_mm
 
 CORNER_POINTS = 9
-"""Vertices per rounded corner of a land: the error of a 0.1 mm corner is then 0.1 % of a pad's area."""
+"""Vertices per rounded corner of a land: with corners of 0.1 mm the chords then lose 0.1 % of a pad's area."""
 CHORD_ERROR_MM = 0.0005
 """Largest distance of a polyline from the arc of the board's outline, mm."""
 
@@ -27,7 +27,7 @@ def outline_corner_points(corner_radius_mm: float) -> int:
     """Vertices per corner that keep the chords of the board's outline within CHORD_ERROR_MM of its arc."""
     if corner_radius_mm <= CHORD_ERROR_MM:
         return 2
-    # a chord of angle a lies r (1 - cos(a / 2)) within its arc; pi / 2 takes as many chords as that allows, and one vertex more
+    # the sagitta of a chord of angle a is r (1 - cos(a / 2)), which bounds a; a quarter circle of k chords has k + 1 vertices
     return max(CORNER_POINTS, ceil(pi / 4 / acos(1 - CHORD_ERROR_MM / corner_radius_mm)) + 1)
 
 
@@ -42,9 +42,9 @@ def rounded_rectangle(
     angle = np.linspace(0.0, pi / 2, corner_points) + np.array([-pi / 2, 0.0, pi / 2, pi])[:, None]
     centre = (half - corner_radius_mm) * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
     corners = centre[:, None] + corner_radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    # a straight side is the chord from one corner's last vertex to the next one's first
+    # straight sides join the last vertex of a corner and the first of the next
     points: FloatArray = corners.reshape(-1, 2)
-    apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1e-9  # a full-radius end joins two corners in one point
+    apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1e-9  # at a full-radius end two corners share a vertex
     distinct: FloatArray = points[apart]
     return distinct
 
@@ -55,12 +55,12 @@ def board_outline(size_mm: tuple[float, float], corner_radius_mm: float) -> Floa
 
 
 def placed_outline(size_mm: tuple[float, float], corner_radius_mm: float, rotation_deg: float) -> FloatArray:
-    """Vertices of a rotated rounded rectangle, snapped to 1 nm: the outline that is written and measured."""
+    """Vertices of a rotated rounded rectangle about the origin, snapped to 1 nm, as it is written and measured; shape (k, 2)."""
     return snap_mm(rotate(rounded_rectangle(size_mm, corner_radius_mm), rotation_deg))
 
 
 def outlines_at(xy_mm: FloatArray, outline_mm: FloatArray) -> FloatArray:
-    """An outline, shape (k, 2), at each of n places: ``xy_mm[:, None] + outline_mm``, in a tenth of the time."""
+    """An outline, shape (k, 2), at each of n places: ``xy_mm[:, None] + outline_mm`` in a tenth of the time; shape (n, k, 2)."""
     vertices = np.empty((len(xy_mm), *outline_mm.shape))
     for axis in (0, 1):
         np.add(xy_mm[:, axis, None], outline_mm[:, axis], out=vertices[..., axis])
@@ -68,7 +68,7 @@ def outlines_at(xy_mm: FloatArray, outline_mm: FloatArray) -> FloatArray:
 
 
 def reach_mm(outline_mm: FloatArray) -> tuple[float, float]:
-    """Largest |x| and |y| of an outline about its own origin, mm."""
+    """Largest |x| and largest |y| of an outline's vertices, mm."""
     x, y = np.abs(outline_mm).max(axis=0)
     return float(x), float(y)
 
@@ -88,17 +88,17 @@ def signed_area_mm2(outline_mm: FloatArray) -> float:
 def inset_mm(xy_mm: FloatArray, size_mm: tuple[float, float], corner_radius_mm: float) -> FloatArray:
     """Distance of points from the board's outline, positive inside.
 
-    The outline is convex, so the least value over a polygon's vertices is the polygon's own distance.
+    The outline is convex, so the least value over a polygon's vertices is the distance of the whole polygon.
 
     xy_mm (..., 2): Points in the board frame.
     size_mm, corner_radius_mm: The board: lower-left corner at the origin.
     Returns (...).
     """
     half = np.array(size_mm) / 2
-    # the outline is the rectangle that is smaller by the radius on each side, grown by it: distance to that rectangle, negative
-    # inside, less the radius
+    # signed distance of a rounded rectangle: that of the rectangle inset by the radius, less the radius; the sign is flipped, as
+    # positive is inside
     x, y = np.moveaxis(np.abs(xy_mm - half) - (half - corner_radius_mm), -1, 0)
-    # of two arrays: the largest along an axis of two takes numpy many times as long
+    # maximum of two arrays: a reduction along an axis of length 2 takes numpy many times as long
     inset: FloatArray = corner_radius_mm - np.hypot(np.maximum(x, 0.0), np.maximum(y, 0.0)) - np.minimum(np.maximum(x, y), 0.0)
     return inset
 

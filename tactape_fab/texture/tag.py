@@ -1,4 +1,4 @@
-"""AprilTag 36h11: id to cells."""
+"""Cells of an AprilTag 36h11 by its id."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from tactape_fab.texture.frames import BoolArray
 CODE_CELLS = 8
 """Cells along a side: 6 of data and the black border."""
 RING_CELLS = 1
-"""Light ring outside the black border, without which no detector finds the tag (AprilTag 2, section III)."""
+"""Width of the light ring outside the black border, without which detectors do not find the tag (AprilTag 2, section III)."""
 SIDE_CELLS = CODE_CELLS + 2 * RING_CELLS
 LEAST_CELL_MM = 0.30
-"""Least cell that prints, and that pupil-apriltags still reads after 0.05 mm of ink bleed; OpenCV wants 0.5 mm."""
+"""Smallest cell that prints and that pupil-apriltags still reads after 0.05 mm of ink bleed; OpenCV needs 0.5 mm."""
 
 
 def tag_cells(tag_id: int) -> BoolArray:
-    """Light cells of a tag with its ring, seen upright in AprilRobotics' orientation.
+    """Cells of a tag and its light ring, upright in AprilRobotics' orientation.
 
     tag_id: 0 ... 586.
     Returns (10, 10): True where light; row 0 is the top.
     """
     aruco = library("cv2", "drawing an AprilTag").aruco
     dictionary = aruco.getPredefinedDictionary(aruco.DICT_APRILTAG_36h11)
-    # it holds each tag turned by 180 degrees against AprilRobotics' own
+    # OpenCV's tags are turned by 180 degrees against AprilRobotics'
     upright = aruco.generateImageMarker(dictionary, tag_id, CODE_CELLS)[::-1, ::-1]
     return np.pad(upright > 127, RING_CELLS, constant_values=True)

@@ -1,4 +1,4 @@
-"""Tape: the made texture with its board. Fabrication and localization both use this object."""
+"""Tape: a texture and its board. Fabrication and localization both use this object."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tactape_fab.texture.part import TapePart, read_part
 from tactape_fab.texture.plane import MOST_POINTS
 
 DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT = 1.5, 6.0
-"""W of a tape for which none is given, and W / Delta where no Delta is."""
+"""Default pitch W, and default ratio W / Delta."""
 DEFAULT_GRID = (62, 32)
 """Columns and rows of the default tape, 100 x 50 mm."""
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
@@ -42,7 +42,7 @@ NAME_REMEDY = "use 1 to 64 letters, digits, '.', '_', '-', a letter or digit fir
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tape:
-    """One tape, complete: code, place in the code plane, grid, symbols, board, part, tag.
+    """One tape: code, place in the code plane, grid, symbols, board, part, tag.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Tape:
     directions : int
         Number of displacement directions: 4, or 8 for a touch code.
     as_built : AsBuilt or None
-        Where the parts of one made tape are, as measured. All else here is the design; `built_parts` and `present` are not.
+        Measured places of the parts of one made tape. Everything else is the design, except `built_parts` and `present`.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Tape:
         """`placed` less the parts that are missing as built; shape (rows, columns)."""
         present = self.placed
         if self.as_built is not None and self.as_built.missing:
-            # a mask's true entries come row by row, as designators do
+            # boolean indexing is row-major, as are designators
             present[present] = self.built_parts().present
         return present
 
@@ -125,12 +125,12 @@ class Tape:
 
     @property
     def in_directions(self) -> str:
-        """Text about the directions after the displacement's length; empty for four directions."""
+        """Text about the directions that messages put after the displacement; empty for four directions."""
         return "" if self.points_in.usual else f" in {self.directions} directions"
 
     @property
     def texture_key(self) -> tuple[Hashable, ...]:
-        """Key, equal for two tapes that no touch can tell apart, apart from grid, pitch and displacement."""
+        """Key that is equal for two tapes which a touch cannot tell apart, grid, pitch and displacement aside."""
         return get_code(self.code).texture_key(self.sector, self.origin, self.symbols)
 
     def cells(self) -> IntArray:
@@ -148,7 +148,7 @@ class Tape:
         return snap_mm(texture_to_board(texture_mm, self.board.texture_origin_mm))
 
     def built_parts(self) -> BuiltParts:
-        """Shift from `part_xy_mm`, turn, presence and sigma of every part, designator order; of the design if nobody measured."""
+        """Shift from `part_xy_mm`, turn, presence and sigma of every part in designator order; nominal without `as_built`."""
         n = self.part_count
         if self.as_built is None:
             return BuiltParts(
@@ -233,7 +233,7 @@ class Tape:
         Parameters
         ----------
         manifest : str or Path
-            File of its manifest.
+            Path of the manifest.
         as_built : AsBuilt, str, Path or None
             As for `load`.
 
@@ -252,18 +252,18 @@ class Tape:
 
 
 def no_tape(value: object, remedy: str = "Tape.load(KIT)") -> Problem:
-    """The problem of what is given in place of a tape."""
+    """The problem of an argument that is not a tape."""
     return Problem("tape", f"tape = {shown(value)} is no tape; give {remedy}")
 
 
 def refuse_no_tape(value: object) -> None:
-    """Refuse what is no tape, such as the path of one. Raises SpecError."""
+    """Refuse an argument that is not a tape, such as the path of one. Raises SpecError."""
     if not isinstance(value, Tape):
         raise SpecError(no_tape(value))
 
 
 def refuse_no_tapes(values: object, key: str) -> None:
-    """Refuse what is no list of tapes, such as the path of a kit. Raises SpecError."""
+    """Refuse an argument that is not a list of tapes, such as the path of a kit. Raises SpecError."""
     if not isinstance(values, Sequence) or not all(isinstance(value, Tape) for value in values):
         raise SpecError(Problem(key, f"{key} = {shown(values)} is no list of tapes; give [Tape.load(KIT), ...]"))
 
@@ -283,7 +283,7 @@ def _read_tape(table: Fields) -> Tape:
     rows = table.integer("rows", low=code.window, high=code.range, default=code.window)
     name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
-    # from W / 2 on, a part is no nearer to its own grid point than to a neighbour's
+    # from W / 2 on, a part would be as near to a neighbouring grid point as to its own
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
     directions = read_directions(table, code)
     board = read_board(table.table("board"))
@@ -339,7 +339,7 @@ def _read_omitted(table: Fields, rows: int, columns: int) -> IntArray:
     if table.problems or not inside:
         raise SpecError([*table.problems, Problem("omitted", "omitted is not a list of [column, row] inside the grid")])
     omitted = np.array(entries, dtype=np.int64).reshape(-1, 2)
-    # twice in the list is once in the mask: `part_count` would be too small
+    # a point listed twice is one point in the mask, but two in `part_count`
     if len(np.unique(omitted, axis=0)) != len(omitted):
         raise SpecError(Problem("omitted", "omitted names a grid point twice"))
     return omitted

@@ -1,13 +1,13 @@
-"""Trace codes: the bits of a place are two linear functions of a power of a primitive element of GF(2^m).
+"""Trace codes: the two bits of a place are linear functions of a power of a primitive element of GF(2^m).
 
 With a a root of the primitive polynomial P, z(e) = a^e as a polynomial in a, and e = column + C (row + R sector):
 
     x(e) = coefficient of a^0 in z(e)        y(e) = x(e + G), G a constant
 
 Every linear function of GF(2^m) is a trace Tr(d z), and the two here are Tr(d z) and Tr(a^G d z): hence the name. A window at
-another place is the same window with z multiplied by a constant, so all windows of one shape form a linear code of dimension
-m without its zero word: the least distance between any two, of one tape or of two, is the least weight of one. Sectors are
-pieces of one plane, so that this holds for all tapes together.
+another place is the same window with z multiplied by a constant, so all windows of one shape are nonzero codewords of a linear
+code of dimension m: the minimum distance between any two, of one tape or of two, is the code's minimum weight. Sectors are parts
+of one plane, so that this holds for all tapes together.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from tactape_fab.texture.windows import bit_count, windows_of
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TraceCode(TapesOfPlane):
-    """A code plane in which patches of any place differ by a proven number of bits, the turn being known.
+    """A code plane in which patches at any two places differ, at a known turn, in a proven number of bits.
 
-    `texture.code.Code` says what every code has.
+    `texture.code.Code` documents the common attributes.
 
     degree: m.
-    polynomial: P without its highest term: bit t is the coefficient of x^t.
-    columns_apart: C: the exponent of the place one row further on, less that of its own; at least `range`.
+    polynomial: P without its leading term: bit t is the coefficient of x^t.
+    columns_apart: C: difference of the exponents of a place and the one a row below; at least `range`.
     y_exponent: G.
-    range: Columns and rows of a sector, R.
-    window: Columns and rows that a tape has at least; such a window determines its place.
+    range: Columns, and rows, of a sector, R.
+    window: Least number of columns, and of rows, of a tape; a window of this side determines its place.
     proven: See `texture.code.Code`; counted over the whole field.
     """
 
@@ -62,17 +62,16 @@ class TraceCode(TapesOfPlane):
 
     @property
     def order(self) -> int:
-        """Number of nonzero elements: exponents repeat after so many."""
+        """Number of nonzero elements, which is the period of the exponents."""
         return (1 << self.degree) - 1
 
     def default_origin(self, sector: int) -> tuple[int, int]:
-        """(0, 0): no two sectors share a place, and any two places differ alike."""
+        """(0, 0): no two sectors share a place, and the proven distance holds for any two places."""
         return 0, 0
 
     def patch(self, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
         rows, columns = shape
-        # one product a row is enough: the bits along a row are the same linear functions of the row's first element, wherever it
-        # lies
+        # one product per row is enough: the bits along a row are fixed linear functions of the row's first element
         first = self.power(origin[0] + self.columns_apart * (origin[1] + self.range * sector))
         down = self.products(self._rows_on[:rows], np.array(first))
         x, y = (_parity(down[:, None] & along).astype(np.uint8) for along in self._line_functions[:columns].T)
@@ -82,26 +81,26 @@ class TraceCode(TapesOfPlane):
         # a word has the bits in the order of `_window_functions`: row by row, x before y
         words = windows_of(symbols, np.ones(symbols.shape, dtype=bool), self.window, turns=1).words[0][0].astype(np.int64)
         elements = _linear(words, self._solution)
-        # m of the window's bits give an element, whatever they are; the rest must be its bits too, or a symbol is wrong. The word
-        # of zeros gives element 0, which is no power of a
+        # any m bits of the window give an element; if the other bits do not match it, a symbol is wrong. The zero word gives
+        # element 0, which is not a power of a
         known = (elements > 0) & (_linear(elements, self._window_functions) == words)
-        # 0 has no logarithm, so that 1 stands in for what is not known
+        # 0 has no logarithm, so invalid elements are replaced by 1
         row, column = np.divmod(self.logarithms(np.where(known, elements, 1)), self.columns_apart)
         sector, row = np.divmod(row, self.range)
         shape = (symbols.shape[0] - self.window + 1, symbols.shape[1] - self.window + 1)
-        # exponents between two rows (C > R), and past the last sector, belong to no place
+        # exponents between two rows (C > R) and beyond the last sector belong to no place
         known &= (column < self.range) & (sector < self.sectors)
         column, row, sector = (np.where(known, of, -1).reshape(shape) for of in (column, row, sector))
         return WindowPlaces(valid=known.reshape(shape), column=column, row=row, sector=sector)
 
     def functions_of(self, shape: tuple[int, int]) -> IntArray:
-        """Functions of the bits of a patch by the element z of its first place; shape (rows, columns, 2), x before y.
+        """Linear functions that give the bits of a patch from the element z of its first place; shape (rows, columns, 2), x, y.
 
-        A bit is the parity of z and its function.
+        A bit is the parity of ``z & function``.
         """
         rows, columns = shape
-        # a linear function is known by its values at the basis a^0 ... a^(m-1): bit t of a place's function is the place's bit
-        # where the first element is a^t
+        # a linear function is determined by its values at the basis a^0 ... a^(m-1): bit t of a place's function is the place's
+        # bit if the first element is a^t
         down = self._geometric(1, self.power(self.columns_apart), rows)
         places = self.products(down[:, None], self._geometric(1, 2, columns))
         elements = self.products(places[..., None], 1 << np.arange(self.degree))
@@ -109,16 +108,16 @@ class TraceCode(TapesOfPlane):
         return np.asarray((bits << np.arange(self.degree)).sum(axis=3))
 
     def place_of(self, element: int) -> tuple[int, tuple[int, int]] | None:
-        """Sector and (column, row) of an element; None if it is of no sector."""
+        """Sector and (column, row) of an element; None if no sector contains it."""
         row, column = divmod(int(self.logarithms(np.array([element]))[0]), self.columns_apart)
         sector, row = divmod(row, self.range)
         return (sector, (column, row)) if column < self.range and sector < self.sectors else None
 
     def products(self, a: IntArray, b: IntArray) -> IntArray:
-        """Products of elements, broadcast."""
+        """Products of field elements, element by element with broadcasting."""
         total = np.zeros(np.broadcast_shapes(a.shape, b.shape), dtype=np.int64)
-        # schoolbook product of polynomials over GF(2): a x^k for each term x^k of b, addition being XOR; where the top
-        # coefficient leaves the word, P is subtracted, so that a stays below x^m
+        # polynomial multiplication over GF(2): add (XOR) a x^k for each term x^k of b, reducing modulo P at each shift, so that a
+        # stays below x^m
         for bit in range(self.degree):
             total ^= a * (b >> bit & 1)
             a = a << 1 ^ (a >> self.degree - 1) * (self.polynomial | 1 << self.degree)
@@ -134,7 +133,7 @@ class TraceCode(TapesOfPlane):
         return total
 
     def power(self, exponent: int) -> int:
-        """The primitive element to a power."""
+        """The primitive element to the power of `exponent`."""
         total, square, left = 1, 2, exponent % self.order
         while left:
             total = self.product(total, square) if left & 1 else total
@@ -149,23 +148,23 @@ class TraceCode(TapesOfPlane):
             squares.append(_linear(squares[-1], self._square_function))
         exponent = np.zeros(elements.shape, dtype=np.int64)
         for prime in self.primes:
-            # with N the order and p a prime of it, z^(N/p) = (a^(N/p))^e lies in the subgroup of p elements, and its place there
-            # is e mod p: a table of at most 683 entries in place of one of 4 million
+            # with N the order and p a prime factor, z^(N/p) = (a^(N/p))^e is in the subgroup of p elements, where its logarithm
+            # is e mod p: a table of at most 683 entries instead of 4 million
             cofactor = self.order // prime
             raised = np.ones_like(elements)
             for bit, square in enumerate(squares):
                 raised = self.products(raised, square) if cofactor >> bit & 1 else raised
-            # element k is a^(k N/p); sorted, so that a search gives k
+            # element k is a^(k N/p); sorted, so that a binary search gives k
             group = self._geometric(1, self.power(cofactor), prime)
             order = group.argsort()
             residue = order[np.searchsorted(group[order], raised)]
-            # the term is the residue modulo p and 0 modulo the other primes, since N/p has an inverse modulo p where p occurs in
-            # N once; each stays below N p < 2^32
+            # the term is the residue modulo p and 0 modulo the other primes: N/p has an inverse modulo p, as p divides N only
+            # once; each term is below N p < 2^32
             exponent += residue * (cofactor * pow(cofactor, -1, prime))  # Chinese remainder theorem
         return exponent % self.order
 
     def _geometric(self, first: int, ratio: int, count: int) -> IntArray:
-        """first, first ratio, first ratio^2 ...; shape (count,)."""
+        """Geometric series first, first ratio, first ratio^2 ... in the field; shape (count,)."""
         terms = [first]
         for _ in range(count - 1):
             terms.append(self.product(terms[-1], ratio))
@@ -173,7 +172,7 @@ class TraceCode(TapesOfPlane):
 
     @cached_property
     def _y_function(self) -> int:
-        """The parity of z and this is the y bit of z: bit t is the y bit of a^t."""
+        """Linear function of the y bit: the y bit of z is the parity of ``z & _y_function``; bit t is the y bit of a^t."""
         # y(z) is the x bit of a^G z, and 2 is the element a itself
         of_powers = self._geometric(self.power(self.y_exponent), 2, self.degree) & 1
         return int((of_powers << np.arange(self.degree)).sum())
@@ -193,43 +192,43 @@ class TraceCode(TapesOfPlane):
 
     @cached_property
     def _square_function(self) -> IntArray:
-        """Row t: the parity of z and this is bit t of z^2; squaring is linear. Shape (m,)."""
-        # (sum of z_t a^t)^2 = sum of z_t a^2t: the mixed terms come twice, and cancel
+        """Linear functions of squaring: bit t of z^2 is the parity of ``z & _square_function[t]``; shape (m,)."""
+        # (sum of z_t a^t)^2 = sum of z_t a^2t: mixed terms occur twice, and cancel
         columns = [self.power(2 * bit) for bit in range(self.degree)]
         return np.array([sum((column >> t & 1) << bit for bit, column in enumerate(columns)) for t in range(self.degree)])
 
     @cached_property
     def _rows_on(self) -> IntArray:
-        """Factors from a place to those in the rows below it; shape (R,)."""
+        """Factors from the element of a place to those of the places below it, by rows down; shape (R,)."""
         return self._geometric(1, self.power(self.columns_apart), self.range)
 
     @cached_property
     def _line_functions(self) -> IntArray:
-        """Functions of the bits along a row by the element of its first place; shape (R, 2)."""
+        """Linear functions of the bits along a row, from the element of its first place; shape (R, 2)."""
         return np.asarray(self.functions_of((1, self.range))[0])
 
     @cached_property
     def _window_functions(self) -> IntArray:
-        """Functions of the bits of a window, as in its word."""
+        """Linear functions of the bits of a window, in the order of its word."""
         return self.functions_of((self.window, self.window)).ravel()
 
     @cached_property
     def _solution(self) -> IntArray:
-        """Row t: the parity of a window's word and this is bit t of its element. Gauss-Jordan elimination; shape (m,)."""
-        # each equation: a function of the element, and which of the word's bits add up to it
+        """Masks of a window's word: bit t of its element is the parity of ``word & _solution[t]``; shape (m,)."""
+        # Gauss-Jordan elimination; an equation has a function of the element, and a mask of the word's bits that sum to it
         rows = [(int(function), 1 << bit) for bit, function in enumerate(self._window_functions)]
         for t in range(self.degree):
-            # there is one for every t, since a window determines its place (rank m)
+            # there is a pivot for every t, since a window determines its place (rank m)
             pivot = next(k for k in range(t, len(rows)) if rows[k][0] >> t & 1)
             rows[t], rows[pivot] = rows[pivot], rows[t]
             of, by = rows[t]
             rows = [(f ^ of, w ^ by) if k != t and f >> t & 1 else (f, w) for k, (f, w) in enumerate(rows)]
-        # the equations left over, 2 n^2 - m of them, are the parity checks; `locate` encodes again instead
+        # the other 2 n^2 - m equations are parity checks, in place of which `locate` encodes the element again
         return np.array([by for _, by in rows[: self.degree]])
 
 
 def _linear(words: IntArray, functions: IntArray) -> IntArray:
-    """Words whose bit t is the parity of the word given and ``functions[t]``; shape (n,)."""
+    """Apply linear functions to words: bit t of the result is the parity of ``word & functions[t]``; shape (n,)."""
     total = np.zeros(words.shape, dtype=np.int64)
     for bit, function in enumerate(functions.tolist()):
         total |= _parity(words & function) << bit
@@ -237,5 +236,5 @@ def _linear(words: IntArray, functions: IntArray) -> IntArray:
 
 
 def _parity(words: IntArray) -> IntArray:
-    """1 where a word of at most 64 bits has an odd number of ones."""
+    """1 for each word of at most 64 bits that has an odd number of ones, else 0."""
     return bit_count(words.astype(np.uint64)).astype(np.int64) & 1

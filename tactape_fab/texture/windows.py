@@ -28,9 +28,10 @@ class Windows:
 
     side: Grid points along a side.
     corner_rc (n, 2): Row and column of each window's upper left grid point, row-major.
-    words each (turns, n): Two bits per symbol, 32 symbols per word, row-major; for eight directions three bits, 21 symbols: Gray
-        codes. ``[k]`` is the window turned by k times 90 degrees counter-clockwise, seen from above: its points and its symbols.
-    bits: Of a symbol.
+    words each (turns, n): Gray codes of the symbols, row-major: two bits per symbol and 32 symbols per word; with eight
+        directions three bits and 21 symbols. ``[k]`` is the window, its points and its symbols, turned by k times 90 degrees
+        counter-clockwise, seen from above.
+    bits: Bits per symbol.
     """
 
     side: int
@@ -48,9 +49,9 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
 
     symbols (rows, columns): Values as in `tactape_fab.texture.frames`.
     placed (rows, columns): Whether a grid point carries a part.
-    turns: Number of turns, from 0 on. Three suffice to compare windows with each other: turning both by the same angle changes
-        nothing, so three quarter turns of one are a quarter turn of the other.
-    directions: Number of directions of the symbols, or of other windows that these are compared with.
+    turns: Number of quarter turns, including 0. Three suffice to compare windows with each other: turning both by the same angle
+        changes nothing, so three quarter turns of one are a quarter turn of the other.
+    directions: Number of directions of the symbols, or the larger number of those of windows that these are compared with.
     """
     high, wide = symbols.shape[0] - side + 1, symbols.shape[1] - side + 1
     bits = DIRECTIONS[directions].bits
@@ -62,7 +63,7 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
     words = np.zeros((word_count, turns, high, wide), dtype=np.uint64)
     cells = np.arange(side * side).reshape(side, side)
     turned, codes = symbols, DIRECTIONS[directions].gray_codes.astype(np.uint64)
-    # two things turn: a part goes to another point of the window (`rot90`), and points another way there (`TURNED`)
+    # a turn moves a part to another point of the window (`rot90`) and changes its symbol (`TURNED`)
     for k in range(turns):
         for target, source in enumerate(np.rot90(cells, k).ravel().tolist()):
             word, place = divmod(target, WORD_BITS // bits)
@@ -74,12 +75,12 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
 
 def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: int = 2) -> DistanceArray:
     """Hamming distance of windows in symbols of `bits` bits, element by element."""
-    # 16 x 16 symbols may all differ, one more than a byte holds
+    # 16 x 16 differing symbols are 256, which does not fit in a byte
     most = len(a) * (WORD_BITS // bits)
     total = np.zeros(np.broadcast(a[0], b[0]).shape, dtype=np.uint8 if most <= 255 else np.uint16)
     for word_a, word_b in zip(a, b, strict=True):
         differing = word_a ^ word_b
-        # a symbol counts once, however many of its bits differ: they are gathered in its lowest
+        # a symbol counts once, however many of its bits differ: they are ORed into its lowest bit
         differing |= differing >> np.uint64(1) if bits == 2 else (differing >> np.uint64(1)) | (differing >> np.uint64(2))
         differing &= _LOW_BITS[bits]
         total += bit_count(differing)
@@ -87,14 +88,14 @@ def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: in
 
 
 def bit_count(words: WordArray) -> npt.NDArray[np.uint8]:
-    """Number of set bits of each word; numpy has `bitwise_count` from 2.0 on, otherwise they are summed by 2, 4 and 8."""
+    """Number of set bits of each word: by `bitwise_count`, which numpy has from 2.0 on, or summed in groups of 2, 4 and 8."""
     if hasattr(np, "bitwise_count"):
         return np.asarray(np.bitwise_count(words), dtype=np.uint8)
     words = np.asarray(words, dtype=np.uint64)
-    # of two bits ab, 2a + b less a is their sum; likewise of sums of 2, and of 4
+    # for two bits ab, (2a + b) - a is their sum; the sums are then added in groups of 4 and 8
     pairs = words - ((words >> np.uint64(1)) & _PAIRS)
     fours = (pairs & _FOURS) + ((pairs >> np.uint64(2)) & _FOURS)
     eights = (fours + (fours >> np.uint64(4))) & _EIGHTS
-    # the product adds all eight bytes up in the highest; at most 64, so that none carries into the next
+    # the product sums all eight bytes in the highest one; sums are at most 64, so there is no carry
     counts: npt.NDArray[np.uint8] = ((eights * _BYTES) >> np.uint64(56)).astype(np.uint8)
     return counts

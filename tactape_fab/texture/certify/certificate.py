@@ -29,9 +29,9 @@ LISTED = 20
 LEAST_SIDE, MOST_SIDE = 3, 8
 """Sides of the squares tried as smallest contacts."""
 CORRECTING = 3
-"""Least distance at which a window with one wrong symbol is still nearest to the true one."""
+"""Least Hamming distance at which one wrong symbol can be corrected."""
 _STEPS = (0, 2, 4, 6, 8, 12, 18, 25, 36, 49, 64)
-"""Distances up to which pairs are sought, until there are some. Large tapes have equal small windows: they take one sort."""
+"""Search radii, tried in order until pairs are found. Large tapes have equal small windows, which radius 0 finds in one sort."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,13 +56,12 @@ class Closest:
     @property
     def detects(self) -> int | None:
         """Largest number of wrong symbols that never turns a window into another one."""
-        # Hamming: another window is `distance` symbols away, and so many less one do not reach it; half as many stay on this side
-        # of the middle
+        # at minimum distance d, d - 1 errors are detected and (d - 1) // 2 are corrected
         return None if self.distance is None else max(self.distance - 1, 0)
 
     @property
     def corrects(self) -> int | None:
-        """Largest number of wrong symbols at which a window is still nearest to the true one."""
+        """Largest number of wrong symbols at which the true window is still the nearest one."""
         return None if self.distance is None else max((self.distance - 1) // 2, 0)
 
 
@@ -73,7 +72,7 @@ class Certificate:
     sizes: One for each of `SIDES`.
     distinct_side, correcting_side: Side of the smallest square, from 3 to 8, whose windows all differ by at least one symbol, and
         by three; None if even the largest do not, or if the tape has none of that size.
-    patches: For a touch code the distances that it is designed for, in bits; empty for other codes.
+    patches: Bit distances of small patches, for codes that promise any; empty for codes of number sequences.
     """
 
     tape: Tape
@@ -86,7 +85,7 @@ class Certificate:
         return self.sizes[SIDES.index(side)]
 
     def to_mapping(self) -> dict[str, Any]:
-        """The certificate as in the kit's file: numbers computed from the tape alone."""
+        """The content of the kit's certificate file, computed from the tape alone."""
         tape = self.tape
         number = np.cumsum(tape.placed.ravel(), dtype=np.int64)
         return {
@@ -138,7 +137,7 @@ def turn_words(turn: int) -> str:
 
 
 def certify(tape: Tape) -> Certificate:
-    """Certify a tape; exact, and the same for the same tape.
+    """Certify a tape; distances are exact, and equal tapes give equal certificates.
 
     Parameters
     ----------
@@ -163,7 +162,7 @@ def certify(tape: Tape) -> Certificate:
 
 
 def _patches(tape: Tape) -> tuple[PatchDistance, ...]:
-    """Distances of small patches, of codes that promise any: those of sequences do not."""
+    """Distances of small patches, for codes that promise any; codes of sequences do not."""
     code = get_code(tape.code)
     if code.sequences is not None:
         return ()
@@ -172,21 +171,21 @@ def _patches(tape: Tape) -> tuple[PatchDistance, ...]:
 
 
 def proven_between(tapes: Sequence[Tape]) -> dict[str, int]:
-    """Least number of bits, by shape, between patches of any of these tapes, the turn being known; empty if none is proven.
+    """Proven least distance in bits, by shape, between patches of any of these tapes at a known turn; empty if none is proven.
 
-    Sectors of one code are pieces of one plane, so that what the code proves of all places it proves of tapes of other sectors.
+    Sectors of a code are parts of one plane, so that a distance proven for all places holds between tapes of different sectors.
     """
     codes, sectors = {tape.code for tape in tapes}, {tape.sector for tape in tapes}
     return dict(get_code(codes.pop()).proven) if len(codes) == 1 and len(sectors) == len(tapes) else {}
 
 
 def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
-    """The smallest side whose windows differ by that much; distances never decrease from one side to the next."""
+    """The smallest side whose windows differ by at least `least`; the distance never decreases with the side."""
     distance = {size.side: size.distance for size in known}
-    # larger squares only where 6x6 does not do, and a smaller one only where 4x4 does: both searches take long
+    # larger squares only if 6x6 falls short, and 3x3 only if 4x4 reaches it: both searches take long
     for side in range(max(SIDES) + 1, MOST_SIDE + 1) if (distance[max(SIDES)] or 0) < least else ():
         distance[side] = closest(tape, side, distance[side - 1] or 0).distance
-    # a window holds those that are smaller: if 4x4 do not reach the distance, 3x3 do not either
+    # a 4x4 window contains 3x3 ones: if 4x4 does not reach the distance, 3x3 does not either
     if (distance[min(SIDES)] or 0) >= least:
         distance[LEAST_SIDE] = closest(tape, LEAST_SIDE).distance
     return min((side for side, apart in distance.items() if (apart or 0) >= least), default=None)
@@ -204,7 +203,7 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
     """
     found: list[Pairs] = []
     least = windows.side**2 + 1
-    # the wider a search, the slower: it widens until it finds any, and starts where smaller windows have said that there is none
+    # the search radius grows until pairs are found, as small radii are fast; it starts at the known lower bound
     for most in (step for step in _STEPS if step >= min(at_least, windows.side**2)):
         search = plan_search(windows.side, windows.count, min(most, windows.side**2))
         pairs = 0
@@ -233,7 +232,7 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
 
 
 def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntArray]:
-    """Distance of each window of a size to the nearest other: upper left (row, column), shape (n, 2), and symbols, shape (n,).
+    """Upper left (row, column) of each window, shape (n, 2), and its distance in symbols to the nearest other, shape (n,).
 
     A distance beyond `most` is given as ``most + 1``.
     """

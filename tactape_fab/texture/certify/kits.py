@@ -17,14 +17,14 @@ from tactape_fab.texture.registry import Registered, labels, read_registered
 from tactape_fab.texture.tape import Tape
 
 MOST_IN_MATRIX = 256
-"""Most tapes for which the JSON of a registry has the distances of every pair."""
+"""Most tapes for which a registry's JSON lists the distance of every pair of tapes."""
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Certified:
-    """Certificates of tapes, their names, and the windows across them; `across` is empty for one tape."""
+    """Certificates of tapes, their names, and window distances between tapes; `across` is empty for one tape."""
 
     names: tuple[str, ...]
     certificates: tuple[Certificate, ...]
@@ -44,7 +44,7 @@ class Certified:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registry:
-    """Tapes that may be touched, their names, their distances, and their conflicts."""
+    """The tapes that a robot may touch, their names, distances and conflicts."""
 
     entries: tuple[Registered, ...]
     names: tuple[str, ...]
@@ -92,7 +92,7 @@ def entry_mapping(entry: Registered) -> dict[str, Any]:
 
 
 def across_mapping(windows: Across, names: Sequence[str]) -> dict[str, Any]:
-    """Windows of one size across tapes: the least distance, and the first of the nearest pairs."""
+    """JSON entry of one window size: the least distance between tapes, and the first of the nearest pairs."""
 
     def place(window: Sequence[int]) -> dict[str, Any]:
         tape, row, column = window
@@ -115,7 +115,7 @@ def certified(
     *,
     workers: Workers = 1,
 ) -> Certified:
-    """Certify each tape exactly, and all of them across each other.
+    """Certify each tape, and compare the windows of every two.
 
     names: Names of the tapes in the result; None for the tapes' own names.
     progress: Called with a text, the number done and the total.
@@ -134,7 +134,7 @@ def certified(
 
 
 def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None, *, workers: Workers = 1) -> Registry:
-    """Read the kits at some paths, and compare every two of them; `workers` as for `certified`.
+    """Read the kits at the given paths, and compare every two; `workers` as for `certified`.
 
     Raises SpecError with every problem of the paths.
     """
@@ -155,7 +155,7 @@ def _across_all(tapes: Sequence[Tape], progress: Progress, workers: Workers) -> 
 
 
 def nearest_tapes(windows: Across, count: int) -> list[tuple[int, int, int]]:
-    """Nearest pairs of tapes: their indices and the distance, nearest first."""
+    """The `count` nearest pairs of tapes as (index, index, distance), nearest first."""
     a, b = np.nonzero(np.triu(windows.matrix <= BEYOND, 1))
     distance = windows.matrix[a, b]
     order = np.lexsort((b, a, distance))[:count]

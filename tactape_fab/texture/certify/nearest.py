@@ -1,8 +1,8 @@
-"""All pairs of windows that differ in few symbols, without comparing every pair.
+"""Search for all pairs of windows within a Hamming distance, without comparing every pair.
 
 If two windows differ in at most d symbols and their points are split into p parts, at least p - d parts agree fully. So for
 each choice of p - d parts the windows are sorted by their symbols there, and only windows with equal symbols are compared
-(multi-index search, Norouzi, Punjani and Fleet 2012). Nothing is missed: the search is exact, whatever p.
+(multi-index hashing, Norouzi, Punjani and Fleet 2012). The search is exact for every p.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _CHUNK = 1 << 19
 """Number of pairs compared at a time, which limits the memory."""
 _SECONDS_PER_KEY, _SECONDS_PER_PAIR, _SECONDS_PER_SORT = 1e-7, 2.5e-8, 3e-4
 _BITS_PER_SYMBOL = 1.7
-"""Effective information of a symbol in bits: less than 2, because a code is not random. It affects only the speed."""
+"""Effective entropy of a symbol in bits: less than 2, as a code is not random. It affects only the speed."""
 _MOST_SORTS = 300
 _TABLE_BITS = 3
 """The table of hashes has eight times as many entries as there are windows."""
@@ -31,10 +31,10 @@ _MIX = (np.uint64(0x9E37_79B9_7F4A_7C15), np.uint64(0xC2B2_AE3D_27D4_EB4F), np.u
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pairs:
-    """Pairs of windows: the first is like the second turned by ``turn`` quarters counter-clockwise, except ``distance`` symbols.
+    """Pairs of windows: the first differs in ``distance`` symbols from the second turned by ``turn`` counter-clockwise quarters.
 
-    All arrays of equal length. Every pair comes once: with turn 0 first < second, with turn 2 first <= second; with turn 1
-    any (which is turn 3 the other way round). A window and itself make a pair in turns 1 and 2.
+    All arrays have equal length. Every pair is listed once: with turn 0 first < second, with turn 2 first <= second, with turn 1
+    in either order (turn 3 is turn 1 with the windows exchanged). A window is paired with itself in turns 1 and 2.
     """
 
     first: IntArray
@@ -43,13 +43,13 @@ class Pairs:
     distance: DistanceArray
 
     def taken(self, which: IntArray | BoolArray) -> Pairs:
-        """Some of the pairs, by their indices or a mask."""
+        """A selection of the pairs, by indices or mask."""
         return Pairs(first=self.first[which], second=self.second[which], turn=self.turn[which], distance=self.distance[which])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """Plan of a search: points of each part, number of parts that must agree, distance up to which the search is complete."""
+    """Plan of a search: points of each part, number of parts that must agree, distance up to which every pair is found."""
 
     parts: tuple[tuple[int, ...], ...]
     agreeing: int
@@ -57,7 +57,7 @@ class Search:
 
 
 def plan_search(side: int, count: int, most: int) -> Search:
-    """The search that is estimated to be the fastest for all pairs up to a distance.
+    """The search for all pairs up to a distance that is estimated to be the fastest.
 
     side: Side of the windows, in grid points.
     count: Number of windows.
@@ -66,7 +66,7 @@ def plan_search(side: int, count: int, most: int) -> Search:
     cells = side * side
     # three turns of each window; an upright one is compared with those after it, n^2 / 2, and with all in two other turns, 2 n^2
     keys, pairs = 3.0 * count, 2.5 * count * count
-    # nothing has to agree: every pair is compared, which is the fastest for few windows
+    # without parts that have to agree every pair is compared, which is fastest for few windows
     best = Search(parts=(tuple(range(cells)),), agreeing=0, most=cells)
     least = pairs * _SECONDS_PER_PAIR + keys * _SECONDS_PER_KEY
     for parts in range(most + 1, cells + 1):
@@ -74,7 +74,7 @@ def plan_search(side: int, count: int, most: int) -> Search:
         sorts = comb(parts, agreeing)
         if sorts > _MOST_SORTS:
             continue
-        # so many pairs agree by chance in the points of the agreeing parts
+        # expected number of pairs that agree by chance in the agreeing parts
         compared = pairs * 2.0 ** (-_BITS_PER_SYMBOL * cells * agreeing / parts)
         seconds = sorts * (_SECONDS_PER_SORT + keys * _SECONDS_PER_KEY + compared * _SECONDS_PER_PAIR)
         if seconds < least:
@@ -84,7 +84,7 @@ def plan_search(side: int, count: int, most: int) -> Search:
 
 @cache
 def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
-    """Points of a window split into parts along diagonals: points of one row or column of a code are correlated."""
+    """Split the points of a window into parts along diagonals, as points of one row or column of a code are correlated."""
     diagonal = [r * side + (r + shift) % side for shift in range(side) for r in range(side)]
     return tuple(tuple(int(cell) for cell in part) for part in np.array_split(diagonal, parts))
 
@@ -92,8 +92,7 @@ def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
 def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None = None, *, bits: int = 2) -> Iterator[Pairs]:
     """Every pair of windows at most ``search.most`` apart, in bounded portions.
 
-    words each (turns, n): As `Windows` has them, of one tape or of several one after the other: three turns, with `queries` all
-        four.
+    words each (turns, n): As in `Windows`, of one tape or of several concatenated: three turns, with `queries` all four.
     queries: Compare only the first `queries` windows with those after them, in every turn of these.
     bits: Bits of a symbol.
     """
@@ -104,7 +103,7 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
     for chosen in combinations(range(len(masks)), search.agreeing):
         order, ends = _runs(flat, [masks[i] for i in chosen], firsts)
         sorted_words = tuple(w[order] for w in flat)
-        # the windows of the first turn alone begin pairs: turning both by the same angle changes nothing
+        # only upright windows are the first of a pair: turning both by the same angle changes nothing
         starts = np.flatnonzero(order < firsts)
         others = [masks[i] for i in range(max(chosen, default=0)) if i not in chosen]
         for a, b in _within_runs(starts, ends[starts]):
@@ -121,8 +120,7 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
                 near = near[~agrees]
             first = order[a[near]]
             turn, second = np.divmod(order[b[near]], count)
-            # half a turn is the same both ways, so that such a pair is met twice; upright pairs come in the order of the sort,
-            # first < second
+            # a half turn is its own inverse, so such a pair is found twice; upright pairs come in sorted order, first < second
             kept = (turn != 2) | (first <= second) if queries is None else second >= queries
             yield Pairs(first=first[kept], second=second[kept], turn=turn[kept], distance=distance[near][kept])
 
@@ -136,11 +134,11 @@ def _mask(cells: tuple[int, ...], words: int, bits: int) -> tuple[np.uint64, ...
 
 
 def _runs(words: tuple[WordArray, ...], masks: list[tuple[np.uint64, ...]], firsts: int) -> tuple[IntArray, IntArray]:
-    """Windows sorted so that those which agree under the masks are adjacent, and the end of each one's run.
+    """Order of the windows in which those equal under the masks are adjacent, and the end of each one's run.
 
-    Sorted by a hash with the window's own number in its low bits. Windows with a hash collision share a run, too; they are
-    removed by their distance. Most of those that agree with none of the first `firsts` are left out: a table of the hashes'
-    highest bits tells them, and there are two thirds fewer to sort.
+    They are sorted by a hash with the window's number in its low bits. Windows whose hashes collide share a run as well, and are
+    rejected by their distance. A table of the hashes' high bits leaves out most windows that agree with none of the first
+    `firsts`, which are two thirds of those to sort.
     """
     n = len(words[0])
     # the low bits hold a window's number, so that sorting keys sorts windows of equal hash by turn, then by place
@@ -150,18 +148,18 @@ def _runs(words: tuple[WordArray, ...], masks: list[tuple[np.uint64, ...]], firs
     for i, word in enumerate(words):
         mask = np.uint64(sum(int(m[i]) for m in masks))
         part = word & mask
-        # a multiplication mixes only upwards; the shift brings the high bits down before it
+        # a multiplication carries bits only upwards, so the shift first mixes the high bits into the low ones
         part ^= part >> np.uint64(29)
         part *= _MIX[i % len(_MIX)]
         key += part
     key ^= key >> np.uint64(32)
     key *= _MIX[-1]
     place = key >> (np.uint64(64 - _TABLE_BITS) - bits)
-    # marks hashes of windows that begin pairs; a chance hit, of at most one in eight, costs a comparison and loses nothing
+    # marks hashes of windows that can be first of a pair; a false hit (at most one in eight) costs a comparison, no pair is lost
     known = np.zeros(1 << (int(bits) + _TABLE_BITS), dtype=bool)
     known[place[:firsts]] = True
     kept = np.flatnonzero(known[place])
-    # a sort of plain words, which takes half the time of an argsort
+    # sorting plain words takes half the time of an argsort
     key = key[kept] & ~low | kept.astype(np.uint64)
     key.sort()
     order = (key & low).astype(np.int64)
@@ -174,14 +172,14 @@ def _runs(words: tuple[WordArray, ...], masks: list[tuple[np.uint64, ...]], firs
 
 
 def _within_runs(starts: IntArray, ends: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Pairs of each start with all after it in its run, in portions."""
+    """Pairs of each start with every later window of its run, in portions."""
     lengths = ends - starts - 1
     starts, lengths = starts[lengths > 0], lengths[lengths > 0]
     total = np.cumsum(lengths)
     at = 0
     while at < len(starts):
         done = int(total[at - 1]) if at else 0
-        # at least one start, though its run alone may be longer than a portion
+        # at least one start, even if its run alone exceeds a portion
         until = max(int(np.searchsorted(total, done + _CHUNK, side="right")), at + 1)
         some = lengths[at:until]
         before = np.cumsum(some) - some

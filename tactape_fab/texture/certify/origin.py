@@ -1,6 +1,6 @@
-"""Search for the origin in the code plane with the largest distances between a tape's windows, and from existing tapes.
+"""Search for the origin in the code plane that maximises the distances between a tape's windows, and from existing tapes.
 
-The search tries a fixed number of origins in a fixed order and uses no clock: equal inputs give equal results.
+The search tries a fixed number of origins in a fixed order, without a time limit: equal inputs give equal results.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ MOST_CANDIDATES = 160
 MOST_BESIDE_OTHERS = 48
 """Most origins, or sectors, that are compared with existing tapes."""
 _WINDOWS = 300_000
-"""Most windows in total, so that a large tape is tried at fewer origins."""
+"""Most windows of all candidates together, so that a large tape is tried at fewer origins."""
 _SIDE, _NEXT_SIDE = 4, 5
 _STEP_XY = (0.7548776662466927, 0.5698402909980532)
-"""Steps of a sequence that fills the unit square evenly: 1/p and 1/p^2 of the plastic number p (Roberts 2018)."""
+"""Steps of the R2 low-discrepancy sequence: 1/p and 1/p^2, p being the plastic number (Roberts 2018)."""
 
 Origin = tuple[int, int]
 
@@ -39,8 +39,8 @@ class Choice:
     candidates: Number of origins tried.
     distance: Least number of differing symbols between 4x4 windows of the tape, at that origin.
     default_distance: The same at the sector's default origin; None if the tape exceeds the code's range there.
-    from_others: Least distance of its 4x4 windows from those of the tapes to avoid, `BEYOND` for at least that; None without
-        such.
+    from_others: Least distance of its 4x4 windows from those of the tapes to avoid, `BEYOND` for at least that; None without such
+        tapes.
     """
 
     origin: Origin
@@ -51,13 +51,13 @@ class Choice:
 
 
 def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[Tape] = ()) -> Choice:
-    """The origin at which a tape's 4x4 windows are farthest apart, and from those of tapes to avoid before that.
+    """The origin at which a tape's 4x4 windows are farthest from those of the tapes to avoid, then farthest from each other.
 
     Ties are decided by the largest distance of 5x5 windows, then the fewest nearest pairs of 4x4, then the order of trial;
     the sector's default origin is tried first.
 
     placed (rows, columns): Whether a grid point carries a part.
-    Raises SpecError if there is no place outside the tapes to avoid.
+    Raises SpecError if every candidate overlaps a tape to avoid.
     """
     rows, columns = placed.shape
     limit = MOST_BESIDE_OTHERS if avoid else MOST_CANDIDATES
@@ -72,7 +72,7 @@ def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[T
             )
         )
     looked_at = len(origins)
-    # distance from other tapes comes before that within the tape: two tapes confused give the wrong tape
+    # distance from other tapes comes before that within the tape, as it is worse to report the wrong tape
     others: int | None = None
     if avoid:
         cut = [windows_of(encode(code, sector, o, placed.shape), placed, _SIDE, turns=4) for o in origins]
@@ -98,9 +98,9 @@ def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[T
 
 
 def choose_sector(code: Plane, placed: BoolArray, avoid: Sequence[Tape]) -> int:
-    """The sector, at its default origin, whose 4x4 windows are farthest from those of tapes to avoid.
+    """The sector whose 4x4 windows, at its default origin, are farthest from those of the tapes to avoid.
 
-    Sectors and tag ids that these use are left out, and only the first `MOST_BESIDE_OTHERS` of the rest are tried.
+    Sectors and tag ids of these tapes are excluded, and only the first `MOST_BESIDE_OTHERS` others are tried.
 
     Raises SpecError if no sector is free.
     """
@@ -124,19 +124,19 @@ def _fits(origin: Origin, code: Plane, shape: tuple[int, ...]) -> bool:
 
 
 def _origins(code: Plane, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
-    """Origins in the order of trial: the default one, then spread over the plane.
+    """Origins in the order of trial: the default one, then others spread over the plane.
 
-    Default places of tapes of that size are left out as far as possible: sectors at one place are nearly shifts of each other,
-    and what a tape shows of its sector's default tape no touch tells from that.
+    Places that overlap a default tape of that size, of any sector, are left out where possible: sectors at one place are nearly
+    shifts of each other, and a touch cannot tell a part of the sector's default tape from that tape.
     """
     default = default_origin(code.name, sector)
-    # each sector has its own piece of the sequence, so that two tapes do not try the same origins
+    # each sector uses its own section of the sequence, so that two tapes do not try the same origins
     number = 1.0 + sector * MOST_CANDIDATES + np.arange(count - 1)
     room = np.array([code.range - shape[1] + 1, code.range - shape[0] + 1])
-    # a fraction of the room left by the tape, so that it always fits
+    # scaled to the plane less the tape, so that it always fits
     spread = np.floor(np.outer(number, _STEP_XY) % 1.0 * room).astype(np.int64)
     sectors = np.array([default_origin(code.name, s) for s in range(code.sectors)])
-    # two rectangles of one size are apart if their corners are a side apart along either axis
+    # two rectangles of one size do not overlap if their corners are at least a side apart along either axis
     apart = (np.abs(spread[:, None] - sectors) >= (shape[1], shape[0])).any(axis=2).all(axis=1)
     origins = [(int(c), int(r)) for c, r in (spread[apart] if apart.any() else spread)]
     return ([default] if _fits(default, code, shape) else []) + origins
@@ -156,19 +156,19 @@ def _occupied(origin: Origin, code: Plane, sector: int, shape: tuple[int, ...], 
 
 
 def _farthest(cut: Sequence[Windows], avoid: Sequence[Tape]) -> tuple[list[int], int]:
-    """Candidates whose windows are farthest from those of tapes to avoid, with fewest pairs at that distance; the distance."""
+    """Indices of the candidates farthest from the tapes to avoid, with fewest pairs at that distance; and that distance."""
     words, tape_of, _ = joined([*cut, *(windows_of(t.symbols, t.placed, _SIDE, turns=4) for t in avoid)])
     queries = sum(w.count for w in cut)
     left = np.arange(len(cut))
     for most in range(BEYOND):
-        # windows of candidates that are out already need no search; those to avoid come after all candidates'
+        # windows of rejected candidates need no search; the windows to avoid come after those of all candidates
         kept = np.flatnonzero(np.isin(tape_of, left) | (np.arange(len(tape_of)) >= queries))
         mine = int((kept < queries).sum())
         near = np.zeros(len(cut), dtype=np.int64)
         search = plan_search(_SIDE, len(kept), most)
         for pairs in near_pairs(tuple(w[:, kept] for w in words), search, queries=mine):
             near += np.bincount(tape_of[kept[pairs.first[pairs.distance <= most]]], minlength=len(cut))
-        # every candidate left has pairs at this distance, so that it is the largest to be had
+        # every remaining candidate has pairs at this distance, so none is farther
         if (near[left] > 0).all():
             fewest = near[left].min()
             return [int(i) for i in left[near[left] == fewest]], most
@@ -183,13 +183,13 @@ def _windows(code: Plane, sector: int, origin: Origin, placed: BoolArray, side: 
 def _merit(code: Plane, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
     """Score of an origin as a tuple, larger is better; None if 4x4 windows are nearer than `least`."""
     windows = _windows(code, sector, origin, placed, _SIDE)
-    # most origins are no better than the best so far: pairs nearer than that show it, and take a shorter search than the nearest
-    # ones. Of few windows a search compares all pairs, and gives those further apart, too
+    # most origins are worse than the best so far, which a search for nearer pairs shows sooner than one for the nearest pairs.
+    # With few windows that search compares all pairs, and so returns farther ones as well
     if least:
         search = plan_search(_SIDE, windows.count, least - 1)
         if any((pairs.distance < least).any() for pairs in near_pairs(windows.words, search)):
             return None
     nearest = closest_windows(windows, least or 0)
-    # a 5x5 window holds a 4x4 one, and differs in at least as much
+    # a 5x5 window contains a 4x4 one, and differs in at least as many symbols
     further = closest_windows(_windows(code, sector, origin, placed, _NEXT_SIDE), nearest.distance or 0)
     return nearest.distance or 0, further.distance or 0, -nearest.pairs

@@ -1,4 +1,4 @@
-"""Distances between every two of several tapes, and their conflicts."""
+"""Window distances between every two of several tapes, and conflicts between tapes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from tactape_fab.texture.windows import Windows, WordArray, windows_of
 EXACT_TO = 4
 """Largest exact distance between tapes; beyond it a distance is only known to be larger."""
 BEYOND = EXACT_TO + 1
-"""Value in a matrix for "at least 5"."""
+"""Matrix value for "at least 5"."""
 NO_WINDOWS = 255
-"""Value in a matrix if one of the tapes has no whole window of the size."""
+"""Matrix value if one of the tapes has no whole window of the size."""
 _STEPS = (0, 2, 3, EXACT_TO)
 
 
 MOST_SIDE = 16
-"""Grid points along the side of the largest windows that are compared."""
+"""Largest side of windows that can be compared, in grid points."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Across:
-    """Windows of one size across tapes.
+    """Distances of one window size between tapes.
 
     matrix (tapes, tapes): Least number of differing symbols between windows of two different tapes, in any turn: 0 to `EXACT_TO`,
         `BEYOND` for more, `NO_WINDOWS`. On the diagonal `NO_WINDOWS`.
@@ -53,19 +53,19 @@ class Across:
     turn: IntArray
 
     def rows(self) -> list[list[int | None]]:
-        """The matrix as lists, with None for "no distance"."""
+        """The matrix as lists, with None for `NO_WINDOWS`."""
         return [[None if d == NO_WINDOWS else d for d in row] for row in self.matrix.tolist()]
 
 
 def joined(windows: Sequence[Windows]) -> tuple[tuple[WordArray, ...], IntArray, IntArray]:
-    """Windows of several tapes joined: words, the tape of each, and row and column of its corner."""
+    """Concatenated windows of several tapes: words, index of the tape, and (row, column) of the corner of each."""
     words = tuple(np.concatenate([w.words[i] for w in windows], axis=1) for i in range(len(windows[0].words)))
     tape = np.repeat(np.arange(len(windows)), [w.count for w in windows])
     return words, tape, np.concatenate([w.corner_rc for w in windows])
 
 
 def across(tapes: Sequence[Tape], side: int) -> Across:
-    """Distances between the windows of every two tapes; memory grows with the number of windows, not of pairs.
+    """Window distances between every two tapes; memory grows with the number of windows, not of pairs.
 
     A distance is the least over all windows and turns. The search goes on with larger distances only among tapes that
     are not yet known to be near another.
@@ -93,7 +93,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     if len(tapes) == 0:
         raise SpecError(Problem("tapes", "tapes holds no tape; give at least one"))
     count = len(tapes)
-    # tapes of four and of eight directions are compared in words of three bits, where both have them
+    # tapes of four directions are compared with those of eight in symbols of three bits
     directions = max((t.directions for t in tapes), default=4)
     windows = [windows_of(t.symbols, t.present, side, directions=directions) for t in tapes]
     words, tape_of, corner_rc = joined(windows)
@@ -104,13 +104,13 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     shared = np.zeros((count, count), dtype=np.int64)
     least, pairs, listed = BEYOND, 0, _no_pairs()
     for most in _STEPS:
-        # tapes that already have a distance from every other one are left out of wider searches
+        # tapes whose distance from every other one is known are left out of wider searches
         unknown = np.flatnonzero((matrix == BEYOND).any(axis=1))
         if len(unknown) == 0:
             break
         kept = np.flatnonzero(np.isin(tape_of, unknown))
         search = plan_search(side, len(kept), most)
-        # pairs at the least distance are counted in the search that finds it, which is complete; a wider one lacks tapes
+        # pairs at the least distance are counted by the search that first finds it; wider searches leave tapes out
         settled = least < BEYOND
         for found in near_pairs(tuple(w[:, kept] for w in words), search, bits=windows[0].bits):
             some = _between_tapes(found, kept, tape_of)
@@ -126,7 +126,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
             at_least = np.flatnonzero(some.distance == least)
             pairs += len(at_least)
             listed = first_pairs([listed, some.taken(at_least)])
-        # pairs come with the earlier tape first, and fill one half
+        # pairs list the earlier tape first, and so fill only the upper triangle
         matrix = np.minimum(matrix, matrix.T)
     return Across(
         side=side,
@@ -146,11 +146,11 @@ def _no_pairs() -> Pairs:
 
 
 def _between_tapes(found: Pairs, kept: IntArray, tape_of: IntArray) -> Pairs:
-    """Pairs of windows on different tapes, windows numbered among all; the one of the earlier tape first."""
+    """Pairs of windows on different tapes, by index into all windows, the window of the earlier tape first."""
     first, second = kept[found.first], kept[found.second]
     other = np.flatnonzero(tape_of[first] != tape_of[second])
     first, second, turn = first[other], second[other], found.turn[other]
-    swapped = first > second  # then the second is like the first turned by the rest of a whole turn
+    swapped = first > second  # exchanging the windows inverts the turn
     return Pairs(
         first=np.where(swapped, second, first),
         second=np.where(swapped, first, second),
@@ -161,10 +161,10 @@ def _between_tapes(found: Pairs, kept: IntArray, tape_of: IntArray) -> Pairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conflict:
-    """A conflict of two tapes: something they have in common and should not.
+    """Something that two tapes have in common and should not.
 
-    kind {"same-tape", "overlap", "windows", "tag"}: They show the same place of the code, fully or partly; they share windows of
-        4x4; their tags have the same id.
+    kind {"same-tape", "overlap", "windows", "tag"}: They show the same place of the code, fully or partly; they have equal 4x4
+        windows; their tags have the same id.
     tapes: Their indices in the registry.
     """
 

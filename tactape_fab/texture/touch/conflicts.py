@@ -1,8 +1,8 @@
-"""Conflicts between the patches of a grid of symbols, and their repair, symbol by symbol. Integers only: the same everywhere.
+"""Conflicts between the patches of a grid of symbols, and their repair, symbol by symbol; in integers, so equal on all machines.
 
-A conflict is a pair of patches that differ in fewer bits than asked for: of the grid itself, one of them in one of four turns, or
-of the grid and patches that are given. To change a symbol concerns the patches that hold it; each of them is compared with all
-others once for all symbols that may be there.
+A conflict is a pair of patches that differ in fewer bits than required: two patches of the grid, one of them in any of four
+turns, or one of the grid and one of the given patches. Changing a symbol affects the patches that contain it; each of them is
+compared with all others once, for all symbols that may replace it.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from tactape_fab.texture.windows import WordArray
 
 MOST_SYMBOLS = 8
 _GIVEN = 4
-"""A conflict's turn where the other patch is a given one."""
+"""In place of a conflict's turn if the other patch is a given one."""
 _BLOCK = 256
 _UPHILL = 4
-"""A change that adds w to the weight of all conflicts is made all the same with chance 2^-(4 w): else the search sticks."""
+"""A change that adds w to the total weight of conflicts is accepted with probability 2^-(4 w), to leave local minima."""
 
 _GOLDEN, _MIX_1, _MIX_2 = (
     np.uint64(0x9E37_79B9_7F4A_7C15),
@@ -31,7 +31,7 @@ _GOLDEN, _MIX_1, _MIX_2 = (
 
 
 class Buffers(NamedTuple):
-    """Buffers: conflicts (shape, patch, turn, other patch), those that a change would make, patches found, weights."""
+    """Buffers: conflicts (shape, patch, turn, other patch), new conflicts of a change, patches found, weights by symbol."""
 
     conflicts: IntArray
     coming: IntArray
@@ -47,7 +47,7 @@ def new_buffers() -> Buffers:
 
 @inner_kernel()
 def next_number(state: WordArray) -> np.uint64:
-    """64 bits of splitmix64 (Steele, Lea and Flood 2014); `state` (1,) goes on."""
+    """The next 64 bits of splitmix64 (Steele, Lea and Flood 2014); advances `state` (1,)."""
     state[0] += _GOLDEN
     word = state[0]
     word = (word ^ (word >> np.uint64(30))) * _MIX_1
@@ -57,15 +57,14 @@ def next_number(state: WordArray) -> np.uint64:
 
 @inner_kernel()
 def _below(state: WordArray, count: int | np.int64) -> int:
-    """A whole number from 0 to `count` - 1."""
-    # the upper 32 bits as a fraction, times count: the bias is at most count / 2^32, and it always takes one number of the
-    # generator
+    """A random integer from 0 to `count` - 1."""
+    # the upper 32 bits as a fraction, times count: the bias is at most count / 2^32, and it takes exactly one random number
     return np.int64(((next_number(state) >> np.uint64(32)) * np.uint64(count)) >> np.uint64(32))  # type: ignore[return-value]
 
 
 @long_kernel()
 def fill(symbols: SymbolArray, directions: int, state: WordArray) -> None:
-    """Random symbols of so many directions."""
+    """Fill a grid with random symbols of that many directions."""
     for r in range(symbols.shape[0]):
         for c in range(symbols.shape[1]):
             symbols[r, c] = _below(state, directions)
@@ -75,12 +74,12 @@ def fill(symbols: SymbolArray, directions: int, state: WordArray) -> None:
 def _find(
     word: np.uint64, mask: np.uint64, words: WordArray, first: int | np.int64, last: int, least: int, found: IntArray
 ) -> int:
-    """Which words from `first` to `last` - 1 differ from one in fewer than `least` bits under a mask; how many."""
+    """List in `found` which words from `first` to `last` - 1 differ from `word` in fewer than `least` bits of `mask`; count."""
     count = 0
     for start in range(first, last, _BLOCK):
         end = min(start + _BLOCK, last)
-        # the least of a block without a branch first, which compilers vectorise; few blocks hold a hit, and only these are gone
-        # through again
+        # first the minimum of a block, a loop without a branch, which is vectorised; only the few blocks with a hit are searched
+        # again
         nearest = 64
         for k in range(start, end):
             nearest = min(nearest, count_ones((words[k] ^ word) & mask))
@@ -94,10 +93,10 @@ def _find(
 
 @long_kernel()
 def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, buffers: Buffers) -> int:
-    """List all conflicts; -1 where there are more than fit into the buffer.
+    """List all conflicts in `buffers`, and return their number; -1 if they do not fit into the buffer.
 
-    least (k, 4): By shape and turn, how many bits two patches of the grid shall differ in at least.
-    least_given (k,): The same by shape of a patch of the grid and a given one.
+    least (k, 4): Required distance in bits between two patches of the grid, by shape and turn.
+    least_given (k,): Required distance in bits between a patch of the grid and a given one, by shape.
     """
     count = 0
     for shape in range(len(least)):
@@ -106,7 +105,7 @@ def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, buffe
             for turn in range(TURNS + 1):
                 if turn == _GIVEN:
                     words, first, last = patches.given[shape], 0, patches.given_count[shape]
-                else:  # three quarter turns against itself are one the other way round
+                else:  # a patch against itself in turn 3 is the same pair as in turn 1
                     words, last = patches.own[shape, turn], patches.own_count[shape]
                     first = patch if turn in (1, 2) else patch + 1
                 bits = least_given[shape] if turn == _GIVEN else least[shape, turn]
@@ -132,21 +131,21 @@ def repair(
     state: WordArray,
     buffers: Buffers,
 ) -> bool:
-    """Change symbols, in place, until there is no conflict; whether that was reached in so many steps.
+    """Change symbols in place until there is no conflict; returns whether that took at most `steps` steps.
 
-    Each step takes one of the points of one of the conflicts, and what among the other symbols there weighs least: a conflict
-    that lacks b bits weighs 4^(b - 1).
+    Each step draws a conflict and one of its points, and tries the other symbol of least weight there: a conflict that lacks b
+    bits weighs 4^(b - 1).
     """
     count = conflicts_of(patches, least, least_given, buffers)
     if count < 0:
         return False
     for _ in range(steps):
-        # the list also holds conflicts that later changes repaired: taking each out at once would need a search of the list
+        # the list also has conflicts that later changes repaired: removing each at once would need a search of the list
         count, chosen = _next_conflict(patches, least, least_given, count, state, buffers)
         if count == 0:
             return True
         shape, patch = buffers.conflicts[chosen, 0], buffers.conflicts[chosen, 1]
-        # either patch of the pair may be changed, but patches that are given stay
+        # either patch of the pair may be changed, but given patches stay
         if buffers.conflicts[chosen, 2] != _GIVEN and _below(state, np.int64(2)) == 1:
             patch = buffers.conflicts[chosen, 3]
         cell, wide = shapes.cells[shape, _below(state, shapes.points[shape])], symbols.shape[1] - shapes.side[shape] + 1
@@ -156,13 +155,13 @@ def repair(
             return False
         now = int(symbols[row, column])
         new = _lightest(buffers.weight[: 1 << shapes.bits], now, state)
-        # weights count all conflicts of the patches that hold the point, so that their difference is that of the whole grid
+        # weights count all conflicts of the patches that contain the point, so their difference is that of the whole grid
         steep = _UPHILL * (buffers.weight[new] - buffers.weight[now])
-        # the highest k bits of a random word are all zero with chance 2^-k; rarer than 2^-60 counts as never
+        # the highest k bits of a random word are all zero with probability 2^-k; less than 2^-60 counts as never
         if steep > 0 and (steep > 60 or (next_number(state) >> np.uint64(64 - steep)) != np.uint64(0)):
             continue
         _put(symbols, shapes, patches, row, column, new)
-        # those of the other symbols at this point come to nothing
+        # new conflicts of the symbols that were not chosen are dropped
         for k in range(coming):
             if buffers.coming[k, 0] == new:
                 for field in range(4):
@@ -175,7 +174,7 @@ def repair(
 def _next_conflict(
     patches: Patches, least: IntArray, least_given: IntArray, count: int, state: WordArray, buffers: Buffers
 ) -> tuple[int, int]:
-    """One of the conflicts, those forgotten that were repaired meanwhile: how many are left, and its number."""
+    """Draw a conflict from the list, dropping entries that were repaired meanwhile: number of entries left, and its index."""
     while count > 0:
         chosen = _below(state, count)
         shape, patch, turn, other = buffers.conflicts[chosen]
@@ -185,7 +184,7 @@ def _next_conflict(
             bits, word = least[shape, turn], patches.own[shape, turn, other]
         if count_ones(patches.own[shape, 0, patch] ^ word) < bits:
             return count, chosen
-        # the last entry takes the place of the one that is dropped: the order does not matter, as entries are drawn
+        # the last entry replaces the dropped one: order does not matter, as entries are drawn at random
         count -= 1
         for field in range(4):
             buffers.conflicts[chosen, field] = buffers.conflicts[count, field]
@@ -194,7 +193,7 @@ def _next_conflict(
 
 @inner_kernel()
 def _lightest(weight: IntArray, now: int, state: WordArray) -> int:
-    """The symbol of least weight that is another one than now; one of them by chance where several are."""
+    """The symbol of least weight other than the present one; ties are broken at random."""
     best, alike = -1, 0
     for value in range(len(weight)):
         if value == now:
@@ -203,7 +202,7 @@ def _lightest(weight: IntArray, now: int, state: WordArray) -> int:
             best, alike = value, 1
         elif weight[value] == weight[best]:
             alike += 1
-            # the k-th of equals replaces the one kept with chance 1 / k, so that each is kept alike in the end
+            # the k-th of equal symbols replaces the kept one with probability 1 / k, so that all are equally likely
             if _below(state, alike) == 0:
                 best = value
     return best
@@ -220,7 +219,7 @@ def _weigh(
     column: int,
     buffers: Buffers,
 ) -> int:
-    """Weight of all conflicts that each symbol would have at a point, and how many new ones are listed; -1 without buffers."""
+    """Put the weight of the conflicts that each symbol would have at a point into `buffers`; number of new ones, -1 if full."""
     now, count, ones = int(symbols[row, column]), 1 << shapes.bits, np.uint64((1 << shapes.bits) - 1)
     coming = int(np.int64(0))  # a literal would be another type to compile for
     for value in range(count):
@@ -228,14 +227,13 @@ def _weigh(
     for shape in range(len(least)):
         side = shapes.side[shape]
         wide, high = symbols.shape[1] - side + 1, symbols.shape[0] - side + 1
-        # each patch that holds the point does so with another of its own points j; quarter turns never ask for more than upright
-        # ones
+        # the patches that contain the point have it as their point j, for each j; quarter turns never require more than turn 0
         for j in range(shapes.points[shape] if least[shape, 0] > 0 or least_given[shape] > 0 else 0):
             r, c = row - shapes.cells[shape, j, 0], column - shapes.cells[shape, j, 1]
             if r < 0 or c < 0 or r >= high or c >= wide:
                 continue
-            # in turn 0 a word has point j at place j; without its bits one search serves all symbols, since any symbol only adds
-            # to the distance
+            # in turn 0 a word has point j at place j; with its bits masked out one search serves all symbols, since a symbol can
+            # only add to the distance
             patch, shift = r * wide + c, np.uint64(shapes.bits * j)
             word, mask = patches.own[shape, 0, patch], ~(ones << shift)
             for turn in range(TURNS + 1):
@@ -251,9 +249,9 @@ def _weigh(
                     # where the point lies in the other patch
                     r, c = row - other // wide, column - other % wide
                     if turn != _GIVEN and 0 <= r < side and 0 <= c < side and shapes.place[shape, 0, r, c] >= 0:
-                        continue  # both hold the point: `_weigh_both` sees to these
+                        continue  # both contain the point: left to `_weigh_both`
                     rest = (words[other] ^ word) & mask
-                    # what the other word has where this one has the point: the XOR with a symbol are the bits that it would add
+                    # the other word's bits at this point: XOR with a symbol gives the bits in which that would differ
                     here = (words[other] >> shift) & ones
                     for value in range(count):
                         apart = (rest, here ^ np.uint64(value), here ^ np.uint64(now))
@@ -278,9 +276,9 @@ def _weigh_both(
     coming: int,
     buffers: Buffers,
 ) -> int:
-    """`_weigh` for one patch and those after it that hold the point as well: both words change with the symbol.
+    """`_weigh` for a patch and the later ones that contain the point as well: both words change with the symbol.
 
-    ``point`` is row, column and symbol now; ``of`` the patch's shape, the point's number in it, and its own.
+    ``point`` is row, column and present symbol; ``of`` is the patch's shape, the point's number in it, and the patch's number.
     """
     shape, patch, shift, no_bits = of[0], of[2], np.uint64(shapes.bits * of[1]), np.uint64(0)
     ones = np.uint64((1 << shapes.bits) - 1)
@@ -290,14 +288,14 @@ def _weigh_both(
         down, right = shapes.cells[shape, i]
         r, c = point[0] - down, point[1] - right
         other = r * wide + c
-        # the earlier of the two patches sees to the pair, or it would count twice
+        # the earlier of the two patches counts the pair, so that it counts once
         if r < 0 or c < 0 or r >= high or c >= wide or other < patch:
             continue
         for turn in range(TURNS):
-            # as in `conflicts_of`: a patch is no conflict with itself upright, and its third turn is its first again
+            # as in `conflicts_of`: a patch has no conflict with itself in turn 0, and its turn 3 is the pair of turn 1
             if least[turn] == 0 or (other == patch and turn in (0, 3)):
                 continue
-            # the point stands elsewhere in the turned word, and its symbol is turned as well
+            # the turned word has the point at another place, and its symbol turned
             there = np.uint64(shapes.bits * shapes.place[shape, turn, down, right])
             apart_now = word ^ patches.own[shape, turn, other]
             one, two = word & mask, patches.own[shape, turn, other] & ~(ones << there)
@@ -316,17 +314,17 @@ def _add(
     least: int,
     pair: tuple[int, int, int, int],
 ) -> int:
-    """Add a pair's weight to that of a symbol, and list it where it is no conflict now; how many are listed, -1 without buffers.
+    """Add a pair's weight to that of a symbol, and list it if it is not a conflict at present; number listed, -1 if full.
 
-    ``apart`` are the bits that differ whatever the symbol, those beside them with this symbol, and with the present one.
+    ``apart`` has the bits that differ with any symbol, those that differ in addition with this symbol, and with the present one.
     """
     rest = count_ones(apart[0])
     lacking = least - rest - count_ones(apart[1])
     if lacking <= 0 or coming < 0:
         return coming
-    # 4^(lacking - 1): a pair that lacks 16 bits, the most of any rung, has 4^15, far from the end of 64 bits
+    # 4^(lacking - 1): a pair that lacks 16 bits, the most of any rung, weighs 4^15, far below 2^63
     buffers.weight[value] += np.int64(1) << (2 * (lacking - 1))
-    # it is a conflict with the present symbol as well, and so in the list already
+    # it is a conflict with the present symbol as well, and so already listed
     if rest + count_ones(apart[2]) < least:
         return coming
     if coming == len(buffers.coming):
@@ -339,7 +337,7 @@ def _add(
 
 @inner_kernel()
 def _put(symbols: SymbolArray, shapes: Shapes, patches: Patches, row: int, column: int, value: int) -> None:
-    """Set a symbol, in the grid and in all words that hold it."""
+    """Set a symbol in the grid and in all words that contain it."""
     ones = np.uint64((1 << shapes.bits) - 1)
     symbols[row, column] = value
     for shape in range(len(shapes.side)):

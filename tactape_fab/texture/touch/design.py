@@ -1,8 +1,8 @@
-"""Design of the touch code: a matrix of symbols without structure in which no two small patches are similar.
+"""Design of touch codes: an unstructured matrix of symbols in which any two small patches differ in many bits.
 
-A random matrix from this package's own integer generator is repaired conflict by conflict (`conflicts`), for one rung of
-distances after the other. Each rung has a limit of steps, not of time, so that equal inputs give equal results on every machine.
-The last rung reached gives the matrix. It has no shorter description, so the symbols themselves are in the tape's manifest.
+A random matrix from this package's own integer generator is repaired conflict by conflict (`conflicts`) to increasing distances,
+the rungs. Each rung has a limit of steps, not of time, so that equal inputs give equal results on every machine. The matrix is
+that of the last rung reached. It has no shorter description, so the tape's manifest contains the symbols themselves.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ALONE: tuple[Bits, ...] = (
     (1, 3, 5, 8, 10),
     (2, 3, 5, 8, 11),
 )
-"""Rungs: least number of bits in which patches of the tape shall differ, by shape as in `patches.PATCHES`."""
+"""Rungs of a tape alone: required distance in bits between its patches, by shape as in `patches.PATCHES`."""
 BESIDE: tuple[tuple[Bits, Bits], ...] = (
     ((0, 1, 2, 4, 6), (0, 0, 1, 2, 4)),
     ((0, 2, 4, 6, 8), (0, 1, 2, 4, 6)),
@@ -43,7 +43,7 @@ BESIDE: tuple[tuple[Bits, Bits], ...] = (
     ((1, 3, 5, 8, 8), (0, 2, 4, 6, 8)),
     ((1, 3, 5, 8, 10), (0, 2, 4, 7, 9)),
 )
-"""Rungs with other tapes: the same, and least number of bits between a patch of the tape and one of theirs."""
+"""Rungs beside other tapes: the same, and the required distance between a patch of the tape and one of theirs."""
 ALONE_OF_EIGHT: tuple[Bits, ...] = (
     (0, 2, 4, 7),
     (1, 3, 6, 10),
@@ -53,7 +53,7 @@ ALONE_OF_EIGHT: tuple[Bits, ...] = (
     (4, 7, 11, 15),
     (4, 7, 11, 16),
 )
-"""Rungs for eight directions: a 5x5, whose bits exceed one word, has at least the distance of the disc within it."""
+"""Rungs for eight directions, without 5x5, whose bits exceed a word: it has at least the distance of the disc inside it."""
 BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
     ((1, 3, 6, 10), (0, 2, 4, 7)),
     ((2, 5, 8, 12), (1, 3, 6, 10)),
@@ -64,12 +64,12 @@ BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rung:
-    """Least numbers of bits, by shape, that a design is repaired to.
+    """Required distances in bits, by shape of patch.
 
-    own: Between patches of the tape in any turn, or with `quarter` 0 and 180 degrees apart.
+    own: Between patches of the tape in any turn; if `quarter` is given, at 0 and 180 degrees only.
     across: Between a patch of the tape and one of another tape.
-    quarter: Between patches of the tape 90 and 270 degrees apart, where these ask for less; None for as many as `own`.
-    effort: Factor on the limit of steps.
+    quarter: Between patches of the tape at 90 and 270 degrees; None for `own`.
+    effort: Factor of the limit of steps.
     """
 
     own: Bits
@@ -78,7 +78,7 @@ class Rung:
     effort: int = 1
 
     def of_turns(self) -> IntArray:
-        """The first and the last by shape and quarter turns, shape (k, 4)."""
+        """`own` and `quarter` by shape and turn, shape (k, 4)."""
         # turns in the order 0, 90, 180, 270 degrees
         odd = self.quarter or self.own
         return np.array([self.own, odd, self.own, odd], dtype=np.int64).T.copy()
@@ -105,7 +105,7 @@ def _by_kind(four: tuple[tuple[Rung, ...], ...], halves: tuple[tuple[Rung, ...],
 _FOUR = _rungs(ALONE, BESIDE)
 _NONE = (0, 0, 0, 0, 0)
 RUNGS = _by_kind(_FOUR)
-"""Of `touch-1`."""
+"""Rungs of `touch-1`."""
 HIGHER_RUNGS = _by_kind(
     ((*_FOUR[0][:-1], Rung(own=(1, 3, 6, 9, 12), across=_NONE, effort=4)), _FOUR[1]),
     (
@@ -121,12 +121,12 @@ HIGHER_RUNGS = _by_kind(
         ),
     ),
 )
-"""Of `touch-2`: one bit is given up at nine dots, where nothing is located, for one more at 16, 21 and 25; and where parts show
-a quarter turn, none is given up and patches a quarter turn apart need no more than they do in `touch-1`."""
+"""Rungs of `touch-2`: compared with `touch-1` one bit less at nine dots, where nothing is located, and one more at 16, 21, 25.
+Where parts show a quarter turn, no bit is given up, but patches a quarter turn apart need no more than in `touch-1`."""
 _WORK, _WORK_BESIDE = 60_000_000, 400_000_000
-"""Limit of a rung's steps times the patches examined per step, in grid points: about ten seconds, or a minute.
+"""Work limit of a rung, its steps times the patches compared per step: about ten seconds, or a minute.
 
-The latter with other tapes, except for the last rung, which many tapes do not reach.
+The second is for rungs beside other tapes, except the last one, which many tapes do not reach.
 """
 _LEAST_STEPS = 1000
 MOST_TOUCH_POINTS = 20_000
@@ -141,11 +141,11 @@ def design(
     rungs: Rungs = RUNGS,
     half_turns: bool = False,
 ) -> SymbolArray:
-    """The matrix of a tape, read-only; the last results are cached.
+    """The matrix of a tape, shape (rows, columns), read-only; the last results are cached.
 
     sector: Seed of the design.
     shape: Rows and columns.
-    avoid: Symbols of existing tapes with the same number of directions, from whose patches this tape's shall differ.
+    avoid: Symbols of existing tapes with the same number of directions, from whose patches those of this tape must differ.
     half_turns: Whether the tape's parts show their quarter turn.
     Raises CapacityError if the tape has more grid points than the largest design.
     """
@@ -170,10 +170,10 @@ def _designed(
     from tactape_fab.texture.touch.conflicts import fill, new_buffers, repair  # imports numba
     from tactape_fab.texture.touch.words import Patches, words_of  # imports numba
 
-    # from here on symbols are Gray codes: bits are what is counted, and they are symbols again at the end
+    # from here on symbols are Gray codes, whose bits give the distances; they are converted back at the end
     codes, shapes = DIRECTIONS[directions].gray_codes, patch_shapes(directions)
     others = [codes[np.frombuffer(data, dtype=np.uint8).reshape(of)] for of, data in avoid]
-    # another sector or shape is another state, as no side has 2^20 points
+    # every sector and shape has its own state, as no side has 2^20 points
     state = np.array([sector << 40 | shape[0] << 20 | shape[1]], dtype=np.uint64)
     symbols, buffers = np.empty(shape, dtype=np.uint8), new_buffers()
     fill(symbols, directions, state)
@@ -181,10 +181,10 @@ def _designed(
     work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
     reached = symbols.copy()
     for number, rung in enumerate(rungs, start=1):
-        # a step compares some patches with all patches, so that its time grows with the points of all tapes
+        # a step compares a few patches with all, so that its time grows with the points of all tapes
         steps = max(_LEAST_STEPS, rung.effort * (_WORK_BESIDE if others and number < len(rungs) else _WORK) // work)
         patches = Patches(*words_of(symbols, shapes), *given)
-        # a repair that fails leaves the grid anywhere between two rungs: the copy of the last rung counts
+        # a failed repair leaves the grid between two rungs, so the copy of the last rung is used
         if not repair(symbols, shapes, patches, rung.of_turns(), np.array(rung.across), steps, state, buffers):
             break
         reached = symbols.copy()
@@ -195,11 +195,11 @@ def _designed(
 
 
 def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np.ndarray]:
-    """All patches of other tapes (Gray codes) in all turns, and the number of each shape."""
+    """Words of all patches of other tapes (Gray codes) in all turns, and their number by shape."""
     from tactape_fab.texture.touch.words import words_of
 
     found = [words_of(symbols, shapes) for symbols in others]
-    # the tape's own patches are compared upright with these, so that these have all four turns
+    # these have all four turns, as the tape's own patches are compared with them in turn 0 only
     count = sum((4 * n for _, n in found), np.zeros(len(shapes.side), dtype=np.int64))
     words = np.zeros((len(count), max(int(count.max()), 1)), dtype=np.uint64)
     for k in range(len(count)):

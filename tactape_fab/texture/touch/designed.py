@@ -1,4 +1,4 @@
-"""Codes without a plane: a matrix of symbols is designed for each tape, and stored in the tape's manifest."""
+"""Codes without a plane: each tape's matrix of symbols is designed, and stored in its manifest."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tactape_fab.texture.touch.design import Rungs, design
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignedCode:
-    """A code whose tapes are designed one by one; `texture.code.Code` says what every code has.
+    """A code whose tapes are designed one by one; `texture.code.Code` documents the common attributes.
 
-    sectors: Number of designs of a size, one for each sector.
-    rungs: What the designs ask for.
-    half_turns: Whether they ask for more between half turns alone, where the parts show a quarter turn.
+    sectors: Number of designs of each size, one per sector.
+    rungs: Required distances of the designs.
+    half_turns: Whether designs require larger distances at 0 and 180 degrees if the parts show a quarter turn.
     """
 
     name: str
@@ -50,11 +50,11 @@ class DesignedCode:
         *,
         half_turns: bool = False,
     ) -> SymbolArray:
-        """The design of a sector and a shape, different from existing tapes."""
+        """The design for a sector and shape whose patches differ from those of existing tapes."""
         return design(sector, shape, avoid, directions, rungs=self.rungs, half_turns=half_turns and self.half_turns)
 
     def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
-        return symbols  # equal designs have one shape
+        return symbols  # equal textures have equal shapes
 
     def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
         return self.name, sector, origin, symbols.shape, symbols.tobytes()
@@ -81,5 +81,5 @@ class DesignedCode:
 
 
 def symbols_sha256(symbols: SymbolArray) -> str:
-    """Digest of a matrix of symbols: SHA-256 of its rows as the manifest has them, each followed by a line feed, in ASCII."""
+    """SHA-256 of a matrix of symbols: of its rows as in the manifest, in ASCII, each followed by a line feed."""
     return hashlib.sha256("".join(f"{row}\n" for row in symbols_to_rows(symbols)).encode("ascii")).hexdigest()

@@ -1,4 +1,4 @@
-"""Patches of a grid of symbols, as seen in small contacts, and the number of bits in which any two differ."""
+"""Patches of a grid of symbols, as small contacts show them, and their Hamming distances in bits."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class PatchDistance:
 
     shape: One of `PATCHES`.
     patches: Number of patches without an omitted part.
-    bits: Least number of bits in which two of them differ, in any of four turns: one bit for a part a quarter turn off, two for
-        the opposite direction; for eight directions the bits of `Directions.gray_codes`. None without a pair.
-    pairs: Pairs at that distance.
-    half_turns: The same two of patches that are turned by 0 or 180 degrees to each other, of codes that promise distances for
-        parts whose quarter turn is seen.
-    proven: Least number of bits between patches of any two places of all sectors, the turn being known; of codes that prove one.
+    bits: Least distance of two of them in any of four turns, in bits of `Directions.gray_codes`: with four directions one bit
+        for a part a quarter turn off, two for the opposite direction. None without a pair.
+    pairs: Number of pairs at that distance.
+    half_turns: Bits and pairs of patches at 0 or 180 degrees only, for codes that have separate distances for parts which show
+        their quarter turn.
+    proven: Proven least distance in bits between patches at any two places of all sectors at a known turn, for codes with one.
     """
 
     shape: str
@@ -60,13 +60,13 @@ class PatchDistance:
 
 
 def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:
-    """Those of `PATCHES` whose bits fit in one word: all except 5x5 of eight directions."""
+    """Masks of those `PATCHES` whose bits fit in one word: all except 5x5 with eight directions."""
     return [mask for mask in PATCHES.values() if DIRECTIONS[directions].bits * mask.sum() <= WORD_BITS]
 
 
 @cache
 def patch_shapes(directions: int = 4) -> Shapes:
-    """`in_one_word` for a search."""
+    """`Shapes` of the masks of `in_one_word`."""
     from tactape_fab.texture.touch.words import shapes_of  # imports numba, which other codes do not need
 
     return shapes_of(in_one_word(directions), directions)
@@ -78,8 +78,8 @@ def patch_distances(
     """Exact distances between the patches of a grid, by shape.
 
     symbols (rows, columns)
-    placed (rows, columns): Mask of parts; patches with a grid point without a part do not count.
-    half_turns: Whether distances of patches 0 and 180 degrees apart are counted beside those of all turns; of four directions.
+    placed (rows, columns): Mask of grid points with a part; patches with a point without a part do not count.
+    half_turns: Whether to add the distances at 0 and 180 degrees only; for shapes that fit in one word.
     """
     from tactape_fab.texture.touch.words import nearest_of, nearest_of_long, words_of
 
@@ -102,7 +102,7 @@ def patch_distances(
         found.append(
             PatchDistance(shape=name, patches=kept.shape[1], bits=bits if pairs else None, pairs=pairs, half_turns=halves)
         )
-    # the 5x5 of eight directions, 75 bits in two words
+    # 5x5 with eight directions has 75 bits in two words
     for name, mask in list(PATCHES.items())[len(shapes.side) :]:
         long, out = windows_of(symbols, placed, len(mask), turns=4, directions=directions), np.zeros(2, dtype=np.int64)
         nearest_of_long(long.words[0], long.words[1], long.count, out)

@@ -1,8 +1,8 @@
-"""Patches of a grid of symbols as words of bits, and how many bits they differ in.
+"""Patches of a grid of symbols as machine words, and their Hamming distances in bits.
 
-A patch is a word of two bits per symbol, three of eight directions, and two patches differ in as many bits as their words do. A
-symbol is its Gray code here (`Directions.gray_codes`): of four directions one bit is a part that points a quarter turn
-elsewhere, two one that points the other way; of eight one bit is a part that points 45 degrees elsewhere, or 135.
+A word has two bits per symbol, or three with eight directions: the symbol's Gray code (`Directions.gray_codes`). With four
+directions a part a quarter turn off differs in one bit, one that points the opposite way in two; with eight directions a part 45
+or 135 degrees off differs in one bit.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _BYTES = np.uint64(0x0101_0101_0101_0101)
 
 
 class Shapes(NamedTuple):
-    """Shapes of patches: of each its side, its number of points, where they are, and where they go in its word when turned.
+    """Shapes of patches: side, number of points, their cells, and their places in the word of a turned patch.
 
-    ``cells`` has shape (k, most, 2), row and column; ``place`` (k, 4, side, side), -1 where the shape has no point; ``turned``
-    (4, symbols) what each symbol becomes, Gray codes both; ``bits`` are those of a symbol.
+    ``cells`` (k, most, 2) has row and column; ``place`` (k, 4, side, side) is -1 where the shape has no point; ``turned`` (4,
+    symbols) maps the Gray code of a symbol to that after a turn; ``bits`` is the number of bits per symbol.
     """
 
     side: IntArray
@@ -42,8 +42,8 @@ class Shapes(NamedTuple):
 class Patches(NamedTuple):
     """Words of all patches.
 
-    ``own`` has shape (k, 4, n), row-major, by shape and turn, of which the first ``own_count`` (k,) are there; ``given`` (k, m)
-    and ``given_count`` (k,) are patches that stay as they are, in all turns.
+    ``own`` (k, 4, n) has the grid's patches by shape and turn, row-major, of which the first ``own_count`` (k,) are valid;
+    ``given`` (k, m) and ``given_count`` (k,) have patches that must not change, in all turns.
     """
 
     own: WordArray
@@ -53,7 +53,7 @@ class Patches(NamedTuple):
 
 
 def shapes_of(masks: list[npt.NDArray[np.bool_]], directions: int = 4) -> Shapes:
-    """Shapes from square masks that are alike in all four turns, with 32 points at most; of eight directions, with 21."""
+    """Shapes from square masks with fourfold symmetry and at most 32 points, or 21 with eight directions."""
     side, count = np.array([len(m) for m in masks]), np.array([int(m.sum()) for m in masks])
     cells = np.zeros((len(masks), int(count.max()), 2), dtype=np.int64)
     place = np.full((len(masks), TURNS, int(side.max()), int(side.max())), -1, dtype=np.int64)
@@ -62,20 +62,19 @@ def shapes_of(masks: list[npt.NDArray[np.bool_]], directions: int = 4) -> Shapes
         number = np.where(mask, np.cumsum(mask).reshape(mask.shape) - 1, -1)
         source = np.arange(mask.size).reshape(mask.shape)
         for turn in range(TURNS):
-            # the turned patch has at each of its places what stood at (r, c): the point at (r, c) goes to the number of that
-            # place
+            # each place of the turned patch takes the symbol from (r, c), so the point at (r, c) gets the number of that place
             r, c = np.divmod(np.rot90(source, turn).ravel(), len(mask))
             place[k, turn, r, c] = number.ravel()
     codes = DIRECTIONS[directions].gray_codes.astype(np.int64)
     turned = [np.arange(directions)]
     for _ in range(TURNS - 1):
-        # Gray code to symbol, turned, and back to its Gray code
+        # from Gray code to symbol, turned, and back to Gray code
         turned.append(codes[TURNED[np.argsort(codes)]][turned[-1]])
     return Shapes(side, count, cells, place, np.stack(turned), DIRECTIONS[directions].bits)
 
 
 def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]:
-    """Words of all patches of a grid of Gray codes, as `Patches.own`, and how many of each shape."""
+    """Words of all patches of a grid of Gray codes as in `Patches.own`, and their number by shape."""
     across = np.maximum(np.array(symbols.shape)[:, None] - shapes.side + 1, 0)
     count = across.prod(axis=0)
     words = np.zeros((len(count), TURNS, int(count.max())), dtype=np.uint64)
@@ -90,8 +89,8 @@ def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]
 
 @inner_kernel()
 def count_ones(word: np.uint64) -> int:
-    """Number of bits that are set."""
-    # the sums of `windows.bit_count`, of one word
+    """Number of set bits of a word."""
+    # as in `windows.bit_count`
     word = word - ((word >> np.uint64(1)) & _LOW)
     word = (word & _PAIRS) + ((word >> np.uint64(2)) & _PAIRS)
     word = (word + (word >> np.uint64(4))) & _NIBBLES
@@ -100,21 +99,21 @@ def count_ones(word: np.uint64) -> int:
 
 @long_kernel()
 def nearest_of(own: WordArray, count: int, step: int, out: IntArray) -> None:
-    """Fewest bits that two patches of a shape differ in, and how many pairs do, into `out` (2,); `own` as in `Patches`, (4, n).
+    """Write into `out` (2,) the least distance of two patches of a shape, in bits, and the number of pairs at that distance.
 
-    In all turns with a `step` of 1, and 0 and 180 degrees apart with one of 2. Fewer patches than two, and one that is alone,
-    have 65 bits and no pair; a patch is compared with its own turns as well.
+    own (4, n): Words of the patches as in `Patches`, of which the first `count` are valid.
+    step: 1 compares all turns, 2 only 0 and 180 degrees. A patch is compared with its own turns as well. Without a pair the
+    distance is 65.
     """
-    # more than a word has bits
+    # more than the bits of a word
     least, pairs = 65, 0
     for turn in range(0, TURNS, step):
         for patch in range(count):
-            # k turned by three quarters against a patch is the patch turned by one against k, so that turns 1 and 3 over the
-            # pairs k > patch are all ordered pairs a quarter apart; half a turn is the same both ways. A patch is compared with
-            # its own turns in 1 and 2: its third is its first again
+            # a pair in turn 3 is the exchanged pair in turn 1, so that turns 1 and 3 over k > patch are all ordered pairs a
+            # quarter turn apart; a half turn is its own inverse. A patch is compared with itself in turns 1 and 2, as 3 repeats 1
             word, first = own[0, patch], patch if turn in (1, 2) else patch + 1
             nearest = 65
-            # the least of a row first, in a loop without a branch, which vectorises; the pairs only in the few rows that reach it
+            # first the minimum of a row, in a loop without a branch, which is vectorised; pairs are counted in few rows
             for k in range(first, count):
                 nearest = min(nearest, count_ones(own[turn, k] ^ word))
             if nearest < least:
