@@ -1,4 +1,4 @@
-"""Artifact: one file of the kit as bytes, before anything is written; a large one as pieces that are made as it is written."""
+"""Artifact: one file of a kit, as bytes or, if it is large, as pieces that are generated while it is written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Artifact:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongArtifact:
-    """A file that is made piece by piece, each time it is asked for: of 200,000 parts a STEP file has a gigabyte."""
+    """A file whose bytes are generated in pieces each time they are needed: a STEP file of 200,000 parts has a gigabyte."""
 
     role: str
     path: str

@@ -1,4 +1,4 @@
-"""Facts for the order notes, gathered from layout, fab profile and findings."""
+"""Facts for the order notes and the fab drawing, gathered from layout, fab profile and findings."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from tactape_fab.texture.tape import Tape
 TAPES_AN_ORDER = (1, 5, 20)
 """Order quantities for which a cost is estimated."""
 ONCE = ("setup", "stencil", "fixture", "feeder")
-"""Costs of an order whatever its number of tapes."""
+"""Costs per order, independent of the number of tapes."""
 LANDS_PER_PART = 2
 _CLOSE = 1.25
-"""A limit is close where the measured value is less than this many times it."""
+"""A limit is close if the measured value is less than this factor times the limit."""
 _NEVER_CLOSE = ("size", "corner-radius", "part-count")
-"""Rules whose figure is no gap that a fab could fail to make."""
+"""Rules whose value is not a gap that a fab could fail to make."""
 _INK_CLEAR_MM = 0.5
 _LEAST_AREA_MM = 1.5
 _TENTHS = 10
@@ -49,8 +49,8 @@ class Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """Cost of assembly and parts in the profile's currency: ``once`` for each order and ``each`` for each tape, and the least
-    of both where figures are ranges; ``quantities`` for `TAPES_AN_ORDER`.
+    """Cost of assembly and parts in the profile's currency: ``once`` per order and ``each`` per tape, with the lower ends of
+    both if figures are ranges; ``quantities`` for `TAPES_AN_ORDER`.
     """
 
     joints: int
@@ -64,8 +64,8 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """An order of so many tapes or panels: least and most cost without bare boards, the least and most cost of these (None
-    where not known), and parts with what the line loses (None where not known).
+    """An order of a number of tapes or panels: lowest and highest cost without bare boards, lowest and highest cost of bare
+    boards (None if not known), and number of parts including the line's attrition (None if not known).
     """
 
     count: int
@@ -76,7 +76,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedTape:
-    """A tape of a panel: where it lies, how it is made, its first and last designator's numbers, and its field on the panel."""
+    """A tape of a panel: its place, how it is made, the numbers of its first and last designator, and its field on the panel."""
 
     name: str
     sector: int
@@ -94,7 +94,7 @@ class OrderedPanel:
     """Facts of a panel for the order notes.
 
     mixed: Whether its tapes differ in W, Δ, coverlay or anchors.
-    loose: Whether pads of any tape have no anchors.
+    loose: Whether any tape has pads without anchors.
     """
 
     words: str
@@ -108,25 +108,26 @@ class OrderedPanel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderFacts:
-    """Values available to a template of order notes.
+    """Values available to the templates of order notes.
 
-    name, size_mm, part_count: Of the ordered item: the tape, or the panel described by `panel`; `tape` is then its first tape.
-    designs: Number of different tapes in it.
-    files: Role to path in the kit.
+    name, size_mm, part_count: Of the ordered item: the tape, or the panel in `panel`; `tape` is then its first tape.
+    designs: Number of different designs among its tapes.
+    files: Maps roles to paths in the kit.
     part_number: In the assembly house's format; '' without one.
-    field_mm: Holds every coverlay opening, rounded outward to 0.1 mm; nothing may be added in it.
-    number_mm: Area where the fab may print its order number: in the strip, clear of tag and label; rounded inward, None if there
-        is no space.
+    field_mm: Box that contains every coverlay opening, rounded outward to 0.1 mm; nothing may be added in it.
+    number_mm: Box where the fab may print its order number: in the strip, clear of tag and label; rounded inward, None if
+        there is no space.
     slash: Direction of a part seen from above: one of ``- / | \\``.
     fits_panel: Whether the board alone is within the assembly line's limits.
     questions, broken, warnings, close: Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), warnings
-        without a threshold, and those of the questions that are met by less than `_CLOSE`.
-    coverlays: Ways in which the tapes' coverlay is opened, each once.
-    rotation_deg, turned_slash: Of the parts on tapes that are not turned, and how parts lean on turned ones; "" without any.
-    pitch_words, displacement_words: W and Δ, of all tapes.
+        without a threshold, and those questions whose limit is met with less than the margin `_CLOSE`.
+    coverlays: Ways in which the tapes' coverlay is opened, without repetition.
+    rotation_deg, turned_slash: Rotation of parts on tapes that are not turned; direction of parts on turned tapes, "" without
+        any.
+    pitch_words, displacement_words: W and Δ of all tapes.
     first_mm, last_mm: Places of the first and the last part.
     stiffener, adhesive: Layer laminated to the underside: material and thickness in mm.
-    anchors: Kind of the copper that extends from the pads under the coverlay, or ``none``.
+    anchors: ``spur``, ``mesh`` or ``none``.
     """
 
     name: str
@@ -170,19 +171,19 @@ class OrderFacts:
 
     @property
     def fields_mm(self) -> list[tuple[Box, Box | None]]:
-        """Field of parts of every tape as it lies, and where the fab may print a number of its own."""
+        """For every tape, in the ordered item's frame: the field of parts, and the box for the fab's number (None without)."""
         if self.panel is None:
             return [(self.field_mm, self.number_mm)]
         return [(tape.field_mm, None) for tape in self.panel.tapes]
 
     @property
     def turned(self) -> bool:
-        """Whether tapes lie turned on the panel."""
+        """Whether any tape is turned on the panel."""
         return bool(self.turned_slash)
 
     @property
     def number(self) -> PartNumber | None:
-        """Where the part number comes from; None if it is the user's own, or none is given."""
+        """The house's entry for the part number; None if the number is the user's own, or none is given."""
         known = self.fab.order.number
         return known if known is not None and known.number == self.part_number else None
 
@@ -242,7 +243,7 @@ def panel_order_facts(
     """Gather the facts of a panel's order; `artifacts` are its own files, `layouts` in the order of `Panel.offsets_mm`."""
     facts = order_facts(layouts[0], fab, findings, artifacts)
     counts = [layout.tape.part_count for layout in layouts]
-    # designators run on through the tapes: the last number of each tape
+    # designators are numbered through all tapes: the last number of each tape
     last = np.cumsum(counts).tolist()
     holes = [hole[2] for layout in layouts for hole in layout.tape.board.holes]
     made, turned = [_made(layout) for layout in layouts], [place.turned for place in panel.places]
@@ -263,7 +264,7 @@ def panel_order_facts(
         anchors=" or ".join(dict.fromkeys(anchors for _, _, anchors in made if anchors != "none")) or "none",
         pitch_words=_either(layout.tape.pitch_mm for layout in layouts),
         displacement_words=_either(layout.tape.displacement_mm for layout in layouts),
-        # parts of a turned tape lean 90 degrees on; where all are turned that is the usual way
+        # parts of a turned tape are turned by another 90 degrees; if all tapes are turned, that is their direction
         slash=_slash(rotation_deg + 90.0 * all(turned)),
         turned_slash=_slash(rotation_deg + 90.0) if any(turned) and not all(turned) else "",
         rotation_deg=(rotation_deg + 90.0 * all(turned)) % 360.0,
@@ -296,10 +297,10 @@ def panel_order_facts(
 
 
 def _least_gap_mm(layouts: Sequence[Layout], fab: FabProfile, findings: Sequence[Finding]) -> float:
-    """Least spacing of the copper: of pads, of spurs, and of anchors from pads of other parts."""
+    """Least copper spacing: between pads, between spurs, and of anchors from pads of other parts."""
     measured = {f.rule: f.value for f in findings if f.value is not None}
     least_mm = min((measured[rule] for rule in ("pad-pad", "pad-pair", "anchor-copper") if rule in measured), default=0.0)
-    # a pad lies one expansion inside its opening at least: most tapes are known to be wider, and need no second look
+    # a pad is at least one expansion inside its opening, which often shows that anchors are not the nearest copper
     if measured.get("anchor-opening", inf) + fab.coverlay_expansion_mm >= least_mm:
         return least_mm
     anchored = [(layout.anchors, outlines_at(layout.pads.xy_mm, layout.pads.outline_mm)) for layout in layouts]
@@ -307,14 +308,14 @@ def _least_gap_mm(layouts: Sequence[Layout], fab: FabProfile, findings: Sequence
 
 
 def _made(layout: Layout) -> tuple[str, str, str]:
-    """W and Δ, coverlay and anchors of a tape, in words."""
+    """W and Δ, coverlay, and anchors of a tape as text."""
     tape, anchors = layout.tape, layout.anchors
     way = layout.coverlay
     return f"W {tape.pitch_mm:.4g} Δ {tape.displacement_mm:.4g}", way, "none" if anchors is None else anchors.mode
 
 
 def _design(layout: Layout) -> tuple[object, ...]:
-    """Values that two tapes of a panel have in common if they are one design, whatever they are called."""
+    """Key that is equal for two tapes of a panel with the same design, whatever their names."""
     tape = layout.tape
     texture = tape.code, tape.sector, tape.origin, tape.directions, tape.pitch_mm, tape.displacement_mm
     return (*texture, tape.board, tape.tag, *_made(layout))
@@ -326,13 +327,13 @@ def _either(values: Iterable[float]) -> str:
 
 
 def _on_panel(box: Box, place: Place) -> Box:
-    # a turn by 90 degrees exchanges the corners' coordinates: the box is sorted anew
+    # after a turn by 90 degrees the corners have to be sorted again
     a, b = place.on_panel_mm(np.array(box[:2])), place.on_panel_mm(np.array(box[2:]))
     return min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
 
 
 def _slash(rotation_deg: float) -> str:
-    # one of four signs, the nearest of 0, 45, 90 and 135 degrees; a chip looks the same after half a turn
+    # one of four characters, for the nearest of 0, 45, 90 and 135 degrees; a chip has a twofold symmetry
     return "-/|\\"[round(rotation_deg % 180.0 / 45.0) % 4]
 
 
@@ -341,9 +342,9 @@ def _place(xy_mm: FloatArray) -> tuple[float, float]:
 
 
 def _is_close(finding: Finding) -> bool:
-    """Whether a limit that no fab confirmed is met by little, or not met."""
+    """Whether an unconfirmed limit is met by a small margin, or not met."""
     asked = finding.source and not finding.confirmed and finding.level != "info" and finding.rule not in _NEVER_CLOSE
-    # of a limit of 0, such as that of courtyards, only what overlaps is close
+    # with a limit of 0, such as that of courtyards, only an overlap is close
     return bool(asked) and finding.value is not None and finding.limit is not None and finding.value < _CLOSE * finding.limit
 
 
@@ -352,7 +353,7 @@ def _field(layout: Layout) -> Box:
     low, high = xy.min(axis=0) - reach, xy.max(axis=0) + reach
     if layout.window_mm is not None:
         low, high = np.minimum(low, layout.window_mm.min(axis=0)), np.maximum(high, layout.window_mm.max(axis=0))
-    # outward to tenths: what is printed as the field holds every opening
+    # outward to tenths, so that the printed field contains every opening
     low, high = np.floor(low * _TENTHS) / _TENTHS, np.ceil(high * _TENTHS) / _TENTHS
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
@@ -364,13 +365,13 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
         return None
     half_mm = SIDE_CELLS * tape.tag.cell_mm / 2
     right_mm = min(tape.tag.center_mm[0] + half_mm, field_left_mm - _INK_CLEAR_MM)
-    # intervals of y that are inked anywhere in the strip: tag, then each stroke of the label
+    # intervals of y with ink anywhere in the strip: the tag, then each stroke of the label
     inked = [(tape.tag.center_mm[1] - half_mm, tape.tag.center_mm[1] + half_mm)]
     inked += [(float(stroke[:, 1].min()), float(stroke[:, 1].max())) for stroke in legend.strokes_mm]
     inked += [(y - d / 2, y + d / 2) for x, y, d in tape.board.holes if x - d / 2 < right_mm + _INK_CLEAR_MM]
-    # sorted by their lower ends, with the board's edges as intervals of no length at both ends
+    # sorted by their lower ends, between the board's edges as intervals of length 0
     ends = np.array(sorted([(edge_mm, edge_mm), *inked, *[(tape.board.size_mm[1] - edge_mm,) * 2]]))
-    # the highest end so far: nested and overlapping intervals leave no gap between them
+    # running maximum of the upper ends, as intervals may be nested or overlap
     tops = np.maximum.accumulate(ends[:, 1])
     gaps = [(low + _INK_CLEAR_MM, high - _INK_CLEAR_MM) for low, (high, _) in zip(tops[:-1], ends[1:], strict=True)]
     low, high = max(gaps, key=lambda gap: gap[1] - gap[0])
@@ -384,11 +385,11 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
 
 
 def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, ...]:
-    """A question for each unconfirmed threshold that was used in a check."""
+    """A question for each unconfirmed threshold that a rule was checked against."""
     tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
     origins: list[Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
     origins += [table.origin for table in tables if table is not None]
-    # findings carry the source of a limit, not its date; one source may have answered at several, of several limits
+    # findings have the source of a limit, but not its date, which is looked up by source
     dates = {origin.source: origin.date for origin in origins}
     of_rules = {(rule, limit.source): limit.date for rule, limit in fab.limits.items()}
     return tuple(

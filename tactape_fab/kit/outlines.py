@@ -1,4 +1,4 @@
-"""Outlines of one part on the film: rotated once, then only moved."""
+"""Outlines of one part on the film; they are rotated once, then only translated."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class PartOutlines:
     """Outlines of one rotated part about its centre, as written and measured (mm); each of shape (k, 2).
 
     ``pad`` and ``paste`` are one land's outline about its own centre; ``pad_xy`` and ``paste_xy``, shape (2, 2), are
-    the centres of lands 1 and 2. ``opening`` is the coverlay opening: the box round both pads and the expansion.
+    the centres of lands 1 and 2. ``opening`` is the coverlay opening: the bounding box of both pads plus the expansion.
     """
 
     body: FloatArray
@@ -41,10 +41,10 @@ class PartOutlines:
 
 
 def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> PartOutlines:
-    """Turn a part's outlines by `rotation_deg` counter-clockwise and add the fab's coverlay opening."""
+    """Outlines of a part, turned by `rotation_deg` counter-clockwise, with the fab's coverlay opening."""
 
     def box(size_mm: tuple[float, float], wider_mm: float = 0.0) -> FloatArray:
-        # each outline is rotated and snapped once: every copy of it then differs by whole nanometres alone, as the files say it
+        # each outline is rotated and snapped once, so that its copies differ only by shifts of whole nanometres, as in the files
         return placed_outline((size_mm[0] + wider_mm, size_mm[1] + wider_mm), 0.0, rotation_deg)
 
     def land(pattern: LandPattern) -> FloatArray:
@@ -68,7 +68,7 @@ def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Pa
 
 
 def opening_size_mm(part: PartProfile, fab: FabProfile) -> tuple[float, float]:
-    """Length and width of a part's coverlay opening, mm: both pads, and the expansion on each side."""
+    """Length and width of a part's coverlay opening, mm: the box of both pads with the expansion on each side."""
     wider_mm = 2 * fab.coverlay_expansion_mm
     return 2 * part.pads.offset_mm + part.pads.size_mm[0] + wider_mm, part.pads.size_mm[1] + wider_mm
 
@@ -77,17 +77,17 @@ def spur_tips(opening_size: tuple[float, float], fab: FabProfile, rotation_deg: 
     """Centres of the round ends of a part's two spurs about the part's centre, mm; shape (2, 2). The spurs extend under the
     coverlay by the profile's overlap.
     """
-    # the centre of the round end: half a web before the end of the copper, which is the overlap behind the opening's edge
+    # the copper ends one overlap beyond the opening's edge; the centre of its round end is half a web before that
     tip_mm = opening_size[0] / 2 + fab.anchor.overlap_mm - fab.anchor.web_mm / 2
     return snap_mm(rotate([(-tip_mm, 0.0), (tip_mm, 0.0)], rotation_deg))
 
 
 def copper_outline(outlines: PartOutlines, fab: FabProfile, rotation_deg: float, *, anchored: bool) -> FloatArray:
-    """Points whose hull is a part's copper about its centre: its pads, and its spurs if any, mm; shape (k, 2)."""
+    """Points whose convex hull contains a part's copper about its centre: pads, and spurs if any, mm; shape (k, 2)."""
     if not anchored:
         return outlines.pads
     angle = np.arange(_END_POINTS) * (2 * pi / _END_POINTS)
-    # corners on a circle of r / cos(pi / n) put the polygon's sides on the circle of r: it holds the round end wholly
+    # corners on a circle of r / cos(pi / n) make the sides tangents of the circle of r, so the polygon contains the round end
     round_end = fab.anchor.web_mm / 2 / cos(pi / _END_POINTS) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     tips = spur_tips(outlines.opening_size_mm, fab, rotation_deg)
     return np.concatenate([outlines.pads, (tips[:, None] + round_end).reshape(-1, 2)])

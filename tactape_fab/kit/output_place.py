@@ -14,7 +14,7 @@ from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, read_any
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
 Overwrite = bool | Literal["edits", "same"]
-"""Whether an older kit may be replaced: never, as written, even with what the user edited in it since, or by itself only."""
+"""Whether an older kit may be replaced: never, if unedited (True), even if edited ("edits"), or only by itself ("same")."""
 
 
 def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
@@ -42,8 +42,8 @@ def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
 
 
 def _refuse_foreign(target: Path, *, edits: bool) -> None:
-    """Only a folder made by this tool may be replaced: it has our manifest, no file or folder that the manifest does not list,
-    and, unless `edits` are to go too, no file that is not as it was written.
+    """Refuse a folder that this tool did not make: one without our manifest, with a file or folder that the manifest does not
+    list or, unless `edits`, with a file that was changed since it was written.
     """
     remedy = "nothing was touched; use -o to name another folder"
     try:
@@ -78,13 +78,13 @@ def _as_written(place: Path, sha256: str | None) -> bool:
         digest = sha256_of(place)
     except OSError:
         return False
-    # a link is not what was written even where it leads to the same bytes
+    # a link is refused even if it leads to the same bytes, as this tool writes none
     return place.is_file() and not place.is_symlink() and digest == sha256
 
 
 def _listed(folder: Path, within: str, digest: str | None = None) -> dict[str, str | None]:
-    """Every file that the manifest of a kit lists, or that of a panel and of each kit on it, with its SHA-256; paths are relative
-    to the outer folder. ``digest`` is that of this manifest, where a panel records it.
+    """SHA-256 of every file that the manifest lists, for a panel also those of its kits, by path relative to the outer folder.
+    ``digest`` is that of this manifest, if a panel records it.
     """
     content = read_any_manifest(folder / MANIFEST_NAME)
     rows = content.get("files")

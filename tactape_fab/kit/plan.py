@@ -1,4 +1,4 @@
-"""Planning of a tape: outline, strip and margins decide the grid. Every value of Tape is decided here.
+"""Planning of a tape: outline, strip and margins determine the grid. Every value of Tape is decided here.
 
 `plan` is for parts with lands on a film, `plan_texture` for solid elements on a base.
 """
@@ -25,12 +25,12 @@ from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
 
 TAG_KEEP_OUT_MM = 0.5
-"""Free film between the tag's ring and the outline, and between the ring and the field, mm."""
+"""Free film between the tag's light ring and the outline, and between the ring and the field, mm."""
 TAG_RAISE_MM = 1.0
-"""Distance of the tag's ring from the lower edge, mm."""
+"""Distance of the tag's light ring from the lower edge, mm."""
 ORIGIN_STEP_MM = 0.1
 TOLERANCE_MM = 0.0005
-"""A threshold is met when value >= limit - 0.5 um."""
+"""A limit is met if value >= limit - 0.5 um."""
 _STEP_SLACK = 1e-6
 ELEMENT_KEYS = ("part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm")
 """Keys of a spec that decide its elements and their distances."""
@@ -44,15 +44,15 @@ def strip_width_mm(spec: TapeSpec) -> float:
 
 
 Rule = tuple[FloatArray, float]
-"""An outline about the part's centre, and its least distance to the board's outline and to holes (mm)."""
+"""An outline about the part's centre, and its least distance from the board's outline or from holes (mm)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Claim:
-    """Clearances of a part: distance of each of its outlines from the board's outline and from holes.
+    """Clearances of a part: rules for the distance of its outlines from the board's outline and from holes.
 
-    ``widest`` is the outline that keeps clear of the strip. ``needs`` are the keys of a spec that
-    decide these values.
+    ``widest`` is the outline that keeps clear of the strip. ``needs`` are the keys of a spec on which
+    these values depend.
     """
 
     edge: tuple[Rule, ...]
@@ -63,12 +63,12 @@ class Claim:
 
     @property
     def furthest_mm(self) -> float:
-        """Largest distance from a part's centre that a rule of the outline uses, mm."""
+        """Largest distance from a part's centre within which the board's outline can break a rule, mm."""
         return max(reach_mm(self.widest)) + max(limit for _, limit in self.edge)
 
 
 def film_claim(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Claim:
-    """Clearances of a part with lands from the fab's rules for copper, body and opening."""
+    """Clearances of a part with lands, by the fab's rules for copper, body and opening."""
     outlines = part_outlines(part, fab, spec.rotation_deg)
     anchored = spec.anchor != "none" and fab.coverlay_mode != "gang"
     copper = copper_outline(outlines, fab, spec.rotation_deg, anchored=anchored)
@@ -91,7 +91,7 @@ def film_claim(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Claim:
 
 
 def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: float) -> Claim:
-    """Clearances of a solid element's foot from the rules of its process."""
+    """Clearances of a solid element's foot, by the rules of its process."""
     foot = element_outline(part.shape, part.body_mm, rotation_deg)
     return Claim(
         edge=((foot, process.limits["body-edge"].value_mm),),
@@ -102,15 +102,15 @@ def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: f
 
 
 def field_margins_mm(claim: Claim, displacement_mm: float) -> tuple[float, float]:
-    """Least distance of a grid point from the outline along x and y, mm, its part displaced outward: the largest of all rules."""
-    # a margin along an axis is the reach of an outline in that axis: at a straight side nothing else of it can come nearer
+    """Least distance of a grid point from the outline along x and y, mm, such that its part displaced outward meets all rules."""
+    # at a straight side only the outline's reach along that axis matters
     x, y = (max(reach_mm(outline)[axis] + limit for outline, limit in claim.edge) for axis in (0, 1))
     return x + displacement_mm, y + displacement_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Grid:
-    """Place of the grid on a board of some size, and its number of points."""
+    """Place of the grid on the board, and its number of points."""
 
     texture_origin_mm: tuple[float, float]
     columns: int
@@ -122,13 +122,13 @@ def _grid(size_mm: tuple[float, float], spec: TapeSpec, claim: Claim) -> _Grid:
     margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     clear_of_strip_mm = strip_width_mm(spec) + reach_mm(claim.widest)[0] + spec.displacement_mm
     first_x_mm = max(margin_x_mm, clear_of_strip_mm if spec.tag == "strip" else 0.0)
-    # the slack keeps a first column that is a multiple of the step by
-    # its decimals from being moved a step on by its binary fraction
+    # the slack keeps a first column that is a multiple of the step in
+    # decimal from being rounded up a step by its binary fraction
     x0_mm = ceil(first_x_mm / ORIGIN_STEP_MM - _STEP_SLACK) * ORIGIN_STEP_MM
-    # n points take (n - 1) pitches between two margins; twice the tolerance, as each margin may be short by one
+    # n points take (n - 1) pitches between two margins, each of which may be short by the tolerance
     rows = floor((height_mm - 2 * margin_y_mm + 2 * TOLERANCE_MM) / spec.pitch_mm) + 1
     return _Grid(
-        # row 0 is the uppermost: the rows lie half above and half below the middle
+        # row 0 is the uppermost; the rows are centred on the board's height
         texture_origin_mm=(float(snap_mm(x0_mm)), float(snap_mm((height_mm + (rows - 1) * spec.pitch_mm) / 2))),
         columns=floor((width_mm - margin_x_mm - x0_mm + TOLERANCE_MM) / spec.pitch_mm) + 1,
         rows=rows,
@@ -136,14 +136,14 @@ def _grid(size_mm: tuple[float, float], spec: TapeSpec, claim: Claim) -> _Grid:
 
 
 def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tape] | None = ()) -> Tape:
-    """Decide a tape of parts with lands.
+    """Plan a tape of parts with lands.
 
-    avoid: Tapes that a design is kept different from; None: symbols drawn by lot in place of a design, which takes seconds, for a
-        tape that is refused and only measured.
+    avoid: Tapes from which a design has to differ; None for random symbols in place of a design, which takes seconds, if the
+        tape is refused and only measured.
 
-    The grid point (0, 0) is at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
-    plus the reach of an outward displaced opening, rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``.
-    The grid has as many columns and rows as the margins allow; the remaining width is at the right end.
+    Grid point (0, 0) is at board ``(x0, y0)``: ``x0`` is the strip's width plus the reach of an opening displaced outward
+    (without a strip the margin), rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``. The grid has as many
+    columns and rows as the margins allow; the remaining width is at the right end.
 
     Raises SpecError if not even one window of the code fits, or the tag does not.
     Raises CapacityError if the grid exceeds the code's range.
@@ -153,7 +153,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
 
 
 def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] | None = ()) -> Tape:
-    """Decide a texture of solid elements on a base of the spec's thickness; the grid is decided as in `plan`, without strip.
+    """Plan a texture of solid elements on a base of the spec's thickness; the grid is as in `plan`, without strip.
 
     Raises SpecError, CapacityError as `plan`.
     """
@@ -165,12 +165,12 @@ def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, 
 
 
 def film_size_mm(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> tuple[float, float]:
-    """The spec's outline, or where not one window of the code fits, the least one on each axis that holds it, mm."""
+    """The spec's outline; if no window of the code fits in it, enlarged along each axis until one does, mm."""
     return _holding(spec, film_claim(spec, fab, part))
 
 
 def texture_size_mm(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> tuple[float, float]:
-    """The same as `film_size_mm`, for a texture of solid elements."""
+    """As `film_size_mm`, for a texture of solid elements."""
     return _holding(spec, element_claim(part, process, spec.rotation_deg))
 
 
@@ -185,10 +185,10 @@ def _holding(spec: TapeSpec, claim: Claim) -> tuple[float, float]:
 def _symbols(
     spec: TapeSpec, origin: tuple[int, int], grid: _Grid, part: TapePart | None, avoid: Sequence[Tape] | None
 ) -> SymbolArray:
-    """The code's symbols for a grid; designed ones are kept different from those of existing tapes."""
+    """The code's symbols for a grid; a design differs from the tapes in `avoid`."""
     shape = (grid.rows, grid.columns)
     if avoid is None and get_code(spec.code).plane is None:
-        # seed 0: the refused tape's findings are the same each time
+        # seed 0, so that the findings of a refused tape are reproducible
         return np.random.default_rng(0).integers(spec.directions, size=shape, dtype=np.uint8)
     others = [tape.symbols for tape in avoid or ()]
     long = part is not None and part.open_turns_deg == (0, 180)
@@ -239,15 +239,15 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avo
 
 
 def _has_window(free: BoolArray, code: Code) -> bool:
-    """Whether the placed parts contain at least one whole window."""
+    """Whether the placed parts contain at least one whole window of the code."""
     if min(free.shape) < code.window:
         return False
-    # whether some k x k block of the mask is all placed
+    # whether any k x k block of the mask is completely placed
     return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
 
 
 def _holds(spec: TapeSpec, code: Code, claim: Claim) -> bool:
-    """Whether a window of the code fits the outline, rounded corners considered."""
+    """Whether a window of the code fits in the outline with its rounded corners."""
     least = _least_size_mm(spec, code, claim)
     return all(side >= least_mm - TOLERANCE_MM for side, least_mm in zip(spec.size_mm, least, strict=True))
 
@@ -275,19 +275,19 @@ def _strip_height_mm(spec: TapeSpec) -> float:
 
 
 def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, float]:
-    """The least size, in whole tenths of a millimetre, whose field holds a window and whose strip holds the tag, rounded
-    corners considered.
+    """The smallest size, in tenths of a millimetre, whose field holds a window of the code, and whose strip holds the tag, with
+    rounded corners taken into account.
     """
     margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     field_mm = (code.window - 1) * spec.pitch_mm
     x0_mm = _grid(spec.size_mm, spec, claim).texture_origin_mm[0]
-    # in tenths of a millimetre, as the remedy is typed; y holds the strip as well
+    # in tenths of a millimetre, as a user would type it; y also holds the strip
     tenths = np.ceil(
         np.array([x0_mm + field_mm + margin_x_mm, max(2 * margin_y_mm + field_mm, _strip_height_mm(spec))]) * 10 - _STEP_SLACK
     )
-    cut = _cuts_tag(spec, (LONGEST_MM, LONGEST_MM), claim)  # whatever the size: another problem
-    # the sides without corners are a lower bound; rounded corners may
-    # take parts of the window, and the board grows until none is missing
+    cut = _cuts_tag(spec, (LONGEST_MM, LONGEST_MM), claim)  # true at any size: another problem
+    # without rounded corners this is a lower bound; corners may omit parts
+    # of the window, and the board grows until none is missing
     while True:
         size_mm = (float(tenths[0]) / 10, float(tenths[1]) / 10)
         grid = _grid(size_mm, spec, claim)
@@ -297,7 +297,7 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
             corner_radius_mm=spec.corner_radius_mm,
             thickness_mm=1.0,
         )
-        # a grid at the end of the code's plane would have no symbols: the size does not depend on where it lies
+        # the origin is moved so that the grid stays in the code plane, as the size does not depend on it
         origin = (min(spec.place[0], code.range - grid.columns), min(spec.place[1], code.range - grid.rows))
         symbols = _symbols(spec, origin, grid, None, ())
         whole = min(size_mm) >= 2 * spec.corner_radius_mm and (cut or not _cuts_tag(spec, size_mm, claim))
@@ -361,7 +361,7 @@ def _plan_tag(spec: TapeSpec) -> Tag | None:
 
 
 def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray) -> BoolArray:
-    """Mask of grid points whose part keeps every edge and hole rule; shape (rows, columns).
+    """Mask of grid points whose part meets every edge and hole rule; shape (rows, columns).
 
     Parts are omitted at rounded corners and holes, not at straight edges, which the margins cover.
     """
@@ -370,8 +370,8 @@ def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray)
     texture_mm = np.stack([column, row], axis=-1) * spec.pitch_mm + spec.displacement_mm * DIRECTIONS_XY[symbols]
     centre_mm = texture_to_board(texture_mm, board.texture_origin_mm)
     free = np.ones((rows, columns), dtype=bool)
-    # A vertex meets a rounded corner only if both its coordinates are within the radius of the sides, so its part's centre is
-    # within radius and reach of both; every other part has straight sides beside it, for which the margins were chosen
+    # A vertex is beside a rounded corner only if both its coordinates are within the radius of the sides, so that its part's
+    # centre is within radius plus reach of both; all other parts are beside straight sides, for which the margins were chosen
     corner_zone_mm = board.corner_radius_mm + claim.furthest_mm
     beyond = np.abs(centre_mm - np.array(board.size_mm) / 2) - (np.array(board.size_mm) / 2 - corner_zone_mm)
     near = np.argwhere((beyond > 0.0).all(axis=-1))
@@ -381,20 +381,20 @@ def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray)
         vertices = centre_mm[near[:, 0], near[:, 1], None] + outline
         inside = inset_mm(vertices, board.size_mm, board.corner_radius_mm).min(axis=-1)
         free[near[:, 0], near[:, 1]] &= inside >= limit_mm - TOLERANCE_MM
-    # distances along the axes are a lower bound of the true ones; the
-    # spare millimetre holds spurs, which may end outside the opening
+    # distances along the axes are lower bounds of the true ones; the extra
+    # millimetre is for spurs, which may end outside the opening
     widest_mm = max(reach_mm(claim.widest)) + max(limit for _, limit in claim.hole) + 1.0
     for x_mm, y_mm, diameter_mm in board.holes:
         near = np.argwhere(np.abs(centre_mm - (x_mm, y_mm)).max(axis=-1) < diameter_mm / 2 + widest_mm)
         for outline, limit_mm in claim.hole:
-            # the hole in the frame of each part: one outline, many points
+            # the hole's centre in the frame of each part: one outline, many points
             gap = _distance_mm(outline, np.array([x_mm, y_mm]) - centre_mm[near[:, 0], near[:, 1]]) - diameter_mm / 2
             free[near[:, 0], near[:, 1]] &= gap >= limit_mm - TOLERANCE_MM
     return free
 
 
 def _distance_mm(outline_mm: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
-    """Distance of points from the convex hull of an outline, mm, 0 inside."""
+    """Distance of points from the convex hull of an outline, mm; 0 inside."""
     import shapely
 
     return np.asarray(shapely.distance(shapely.MultiPoint(outline_mm).convex_hull, shapely.points(points_mm)))

@@ -1,4 +1,4 @@
-"""Writer of a kit: renderers -> files, hashes, zip, manifest, in a given folder."""
+"""Writer of a kit: renders its files, and writes them with hashes, zip and manifest into a given folder."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ FAB_ZIP_ROLES = (
 
 
 def render_all(drawing: Drawing, fab: FabProfile) -> list[AnyArtifact]:
-    """Every file of a film or a panel except models, notes and manifest: layers, lists, previews drawn from those, the zip."""
+    """Every file of a film or a panel except models, notes and manifest: layers, lists, previews drawn from these, the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
     artifacts += (*render_preview(artifacts, fab), *render_placement_preview(artifacts, fab))
     artifacts.append(_fab_zip(drawing.name, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
@@ -70,7 +70,7 @@ def render_all(drawing: Drawing, fab: FabProfile) -> list[AnyArtifact]:
 
 
 def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[AnyArtifact]:
-    """The 3D models; a film's with its assembly, a texture of solid elements (`fab` None) with previews of the mesh."""
+    """The 3D models: for a film with its assembly, for a texture of solid elements (`fab` None) with previews of the mesh."""
     from tactape_fab.kit.render.solid_models import render_assembly, render_solid  # imported here: only kits with models need it
     from tactape_fab.kit.render.solid_preview import render_solid_preview
 
@@ -81,11 +81,11 @@ def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[A
 
 
 def _fab_zip(name: str, artifacts: Iterable[AnyArtifact]) -> Artifact:
-    """The zip, with fixed dates and order so that its bytes are reproducible."""
+    """The zip for the fab, with fixed dates and order so that its bytes are reproducible."""
     stream = io.BytesIO()
     date = zip_date()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
-        # names alone, without folders; sorted, so that the order does not depend on that of the renderers
+        # file names without folders; sorted, so that the order does not depend on that of the renderers
         for artifact in sorted((a for a in artifacts if a.role in FAB_ZIP_ROLES), key=lambda a: a.path):
             archive.writestr(zip_entry(artifact.path.rsplit("/", 1)[-1], date), artifact.data)
     return Artifact(role="fab-zip", path=f"{name}-fab.zip", data=stream.getvalue())
@@ -106,10 +106,10 @@ def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[AnyArti
 
 
 def made_record(spec: TapeSpec, *, verified: bool) -> dict[str, Any]:
-    """Record of what the bytes of a kit depend on beside its spec, so that it can be made again.
+    """Record of everything other than the spec on which the bytes of a kit depend, so that it can be reproduced.
 
-    spec: As it was asked for.
-    verified: Whether the kit was read back when it was made, which its report states.
+    spec: The spec as given.
+    verified: Whether the kit was verified when it was made, which its report states.
     """
     return {
         "made": {
@@ -122,12 +122,12 @@ def made_record(spec: TapeSpec, *, verified: bool) -> dict[str, Any]:
 
 
 def file_rows(artifacts: Iterable[AnyArtifact]) -> list[dict[str, Any]]:
-    """A row for each file; `write_kit` fills in those of files that are made as they are written."""
+    """A manifest row for each file; `write_kit` fills in size and digest of long files."""
     return [
         {
             "role": a.role,
             "path": a.path,
-            # a long file is made while it is written: its size and digest are not known before
+            # a long file is generated while it is written, so its size and digest are not known before
             **({"bytes": None, "sha256": None} if isinstance(a, LongArtifact) else _digest([a.data])),
         }
         for a in sorted(artifacts, key=lambda a: a.path)
@@ -135,7 +135,7 @@ def file_rows(artifacts: Iterable[AnyArtifact]) -> list[dict[str, Any]]:
 
 
 def _digest(pieces: Iterable[bytes], write: Callable[[bytes], object] = lambda _: None) -> dict[str, Any]:
-    """Size and SHA-256 of a file whose pieces are written."""
+    """Size and SHA-256 of a file in pieces, each of which is passed to `write`."""
     size, digest = 0, hashlib.sha256()
     for piece in pieces:
         write(piece)
@@ -145,14 +145,14 @@ def _digest(pieces: Iterable[bytes], write: Callable[[bytes], object] = lambda _
 
 
 def with_file(content: Mapping[str, Any], artifact: Artifact) -> dict[str, Any]:
-    """The content of a manifest with one file more."""
+    """The content of a manifest with another file."""
     rows = sorted([*content["files"], *file_rows([artifact])], key=lambda row: str(row["path"]))
     return {**content, "files": rows}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedKit:
-    """A kit on a panel: its manifest's path and bytes, its place, and the number of its first designator."""
+    """A kit on a panel: path and bytes of its manifest, its place, and the number of its first designator."""
 
     tape: Tape
     manifest: str
@@ -189,7 +189,7 @@ def panel_manifest(
 
 
 def panel_record(layout: Layout, spec: TapeSpec, fab: FabProfile) -> dict[str, Any]:
-    """Record of profiles and options in a panel's manifest: as `film_record`, without keys of one tape."""
+    """Record of profiles and options in a panel's manifest: as `film_record`, without keys of single tapes."""
     record = film_record(layout, spec, fab, None)
     own = ("name", "sector", "origin", "tag_id")
     return {
@@ -217,7 +217,7 @@ def film_record(layout: Layout, spec: TapeSpec, fab: FabProfile, process: Proces
 
 
 def _film_extras(layout: Layout, fab: FabProfile) -> dict[str, Any]:
-    """Anchors, stiffener and adhesive as `verify` needs them, if there are any."""
+    """Anchors, stiffener and adhesive for `verify`, if there are any."""
     extras: dict[str, Any] = {}
     if layout.anchors is not None:
         extras["anchor"] = asdict(anchor_plan(layout.anchors.mode, fab, layout.outlines))
@@ -228,7 +228,7 @@ def _film_extras(layout: Layout, fab: FabProfile) -> dict[str, Any]:
 
 
 def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
-    """Record in the manifest of a texture of solid elements; its process takes the fab's place."""
+    """Record of profiles and options in the manifest of a texture of solid elements, with a process in place of a fab."""
     return {
         "fab": {"name": process.name, **process.thresholds()},
         **_models_record(spec.form, process),
@@ -237,7 +237,7 @@ def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
 
 
 def search_record(choice: Choice | None, avoided: Sequence[str]) -> dict[str, Any]:
-    """Record of a search for the origin, or of the tapes that a design was kept different from."""
+    """Record of a search for the origin, or of the tapes from which a design had to differ."""
     if choice is None:
         return {"avoided": list(avoided)} if avoided else {}
     return {"search": {**asdict(choice), "origin": list(choice.origin), "avoided": list(avoided)}}
@@ -280,6 +280,6 @@ def write_kit(folder: Path, content: Mapping[str, Any], artifacts: Iterable[AnyA
                 rows[artifact.path].update(_digest(artifact.pieces(), stream.write))
             else:
                 stream.write(artifact.data)
-    # allow_nan=False: NaN and Infinity are no JSON (RFC 8259), and a reader would refuse the manifest
+    # allow_nan=False: JSON has no NaN and Infinity (RFC 8259), and a reader would refuse the manifest
     text = json.dumps(content, indent=1, ensure_ascii=True, allow_nan=False)
     (folder / MANIFEST_NAME).write_text(text + "\n", encoding="ascii", newline="\n")

@@ -1,4 +1,4 @@
-"""Coupon: one small panel of tapes that differ in W, Δ, coverlay and anchor, to learn in one order what a fab can make.
+"""Coupon: a small panel of tapes that differ in W, Δ, coverlay and anchor, whose order shows what a fab can make.
 
 Some of its tapes break limits of the profile on purpose: those that come back whole move the limit, with a date.
 """
@@ -25,12 +25,12 @@ from tactape_fab.texture.code import DEFAULT_CODE, get_code
 from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY
 
 TAPE_MM = (24.0, 24.0)
-"""Outline of a tape: nine make a panel of 98 x 98 mm, each shows a contact of 11 x 9 mm and its sector in print."""
+"""Outline of a tape: nine fit on a panel of 98 x 98 mm, and each has room for a contact of 11 x 9 mm and its printed sector."""
 SHARES_OF_LIMIT = (1.0, 0.7, 0.4, 0.2)
-"""Bridges of coverlay that are tried, as fractions of the profile's limit."""
+"""Widths of coverlay bridges that are tried, as fractions of the profile's limit."""
 _PART, _DISPLACEMENT_MM, _SMALL_MM = "r0201", 0.25, 0.16
 _MOST_OF_NAME = 50
-"""Letters of the fab's name in that of its coupon."""
+"""Most characters of the fab's name in the name of its coupon."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +68,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
     name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     refuse(table.problems)
     tapes = tuple(_examined(fab_name, sector, trial) for sector, trial in enumerate(wanted, start=first_sector))
-    # the first sheet is the fullest: tapes that do not fit on it are left out, and said
+    # the first sheet is the fullest; tapes that do not fit on it are left out, which a remark says
     _, (packed, *others) = pack_panels([(TAPE_MM, tape.tape.board.corner_radius_mm) for tape in tapes], fab)
     trials = tuple(
         Trial(
@@ -104,20 +104,20 @@ def _examined(fab_name: str, sector: int, trial: _Wanted) -> Examined:
     try:
         return examine(spec)
     except SpecError as error:
-        # what a tape is told to do about it are options of make, which a coupon does not have
+        # the remedies are options of make, which a coupon does not have
         why = "; ".join(without_remedy(problem.message) for problem in error.problems)
         message = f"fab = '{fab_name}' has limits that no tape of {_size(TAPE_MM)} keeps: {why}; order a tape without a coupon"
         raise SpecError(Problem("fab", message)) from None
 
 
 def _usual_name(fab: FabProfile) -> str:
-    """The name of a coupon: its fab's with hyphens for what no tape's name may have."""
+    """The default name of a coupon: that of its fab, with hyphens for characters that names of tapes must not have."""
     stem = re.sub(r"[^A-Za-z0-9._]+", "-", fab.name)[:_MOST_OF_NAME].strip("._-")
     return f"{stem}-coupon" if stem else "coupon"
 
 
 def _left_out(wanted: Sequence[_Wanted], count: int, fab: FabProfile) -> Iterator[str]:
-    """Tapes for which the largest panel has no room."""
+    """Remarks on tapes that do not fit on the largest panel."""
     if wanted:
         tests = ", ".join(one.tests if one.value_mm is None else f"{one.tests} {one.value_mm:g} mm" for one in wanted)
         holds = f"holds {count - len(wanted)} of {count} tapes"
@@ -138,7 +138,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
         placing = Placing(rotation_deg=DEFAULT_ROTATION_DEG, displacement_mm=displacement_mm, directions=4)
         found = film_pitch_mm(rule, limit_mm, opened, part, placing)
         assert found is not None, rule  # at 45 degrees spurs and mesh have a pitch
-        # up to a micrometre, so that the gap is met as drawn; rounded first, as in `whole_um_up`
+        # rounded up to a micrometre, so that the drawn gap meets the limit; first rounded as in `whole_um_up`
         return ceil(round(found * 1000.0, 3)) / 1000.0
 
     if mode != "gang":
@@ -162,7 +162,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
         )
         for anchor in ("spur", "mesh"):
             copper_mm = fab.limits["pad-pad"].value_mm
-            # anchors are tested at the whole bridge, so that what fails is the anchor
+            # anchors are tested at the full bridge width, so that the anchor is what fails
             wide_mm = max(
                 pitch_mm("opening-bridge", bridge_mm, _DISPLACEMENT_MM), pitch_mm(f"anchor-{anchor}", copper_mm, _DISPLACEMENT_MM)
             )
@@ -175,7 +175,7 @@ def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
                 anchor=anchor,
             )
     if "gang" in fab.coverlay_modes:
-        # one window has no bridge to be tested: the usual grid, and one at a smaller Δ
+        # one window has no bridge to test: the usual grid, and one at a smaller Δ
         for wide_mm, displacement_mm in ((1.5, _DISPLACEMENT_MM), (1.32, _SMALL_MM)):
             yield _Wanted(tests="gang", value_mm=None, pitch_mm=wide_mm, displacement_mm=displacement_mm, coverlay="gang")
 

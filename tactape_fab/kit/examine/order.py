@@ -38,7 +38,7 @@ class ExaminedPanel:
 
     tapes: In the order of `panel.offsets_mm`.
     remarks: Remarks for the user: why there is a panel, and copies of tapes.
-    together: What tapes of the panel share that they should not.
+    together: Conflicts between tapes of the panel.
     trials: What each tape tests, if the panel is a coupon.
     """
 
@@ -59,9 +59,9 @@ class ExaminedPanel:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Every design rule once, with the figure of its worst tape and the place there; assembly rules are the panel's.
+        """Every design rule once, with the value of its worst tape and the place there; assembly rules are measured on the panel.
 
-        Those of a coupon name no remedy: its tapes are trials, and no option of it changes them.
+        Findings of a coupon have no remedy, as no option changes its tapes.
         """
         return self._findings(on_panel=False)
 
@@ -72,7 +72,7 @@ class ExaminedPanel:
 
     def _findings(self, *, on_panel: bool) -> tuple[Finding, ...]:
         parts = sum(tape.tape.part_count for tape in self.tapes)
-        # the line is given the panel, so number of parts and size are the panel's
+        # the assembly line handles the panel, so number of parts and size are the panel's
         of_panel = {f.rule: f for f in assembly_findings(self.panel.size_mm, parts, self.fab, "panel")}
         worst: dict[str, Finding] = {}
         of_tapes = zip(self.tapes, self.panel.places, strict=True)
@@ -85,19 +85,19 @@ class ExaminedPanel:
 
 
 def without_remedy(message: str) -> str:
-    """A message without the options of `make` that it names at its end."""
+    """A message without the options of `make` at its end."""
     return _REMEDY.sub("", message)
 
 
 def _on_panel(finding: Finding, place: Place) -> Finding:
-    """The finding of a tape with its place in the panel's frame."""
+    """A tape's finding with its place converted to the panel's frame."""
     if finding.at_mm is None:
         return finding
     return replace(finding, at_mm=place.on_panel_mm(np.array(finding.at_mm)))
 
 
 def _worse(a: Finding, b: Finding) -> bool:
-    """Whether a is nearer to its limit than b where both hold, or farther beyond it where both are broken."""
+    """Whether a is worse than b: nearer to its limit if both hold, farther beyond it if both are broken."""
     if a.value is None or a.limit is None or b.value is None or b.limit is None:
         return False
     a_mm, b_mm = abs(a.value - a.limit), abs(b.value - b.limit)
@@ -136,7 +136,7 @@ def examine_order(
     tape_values = {key: value for key, value in values.items() if key not in PANEL_KEYS}
     spec, _ = read_spec({"sector": 0, **tape_values})
     request, problems = read_panel_request(values, films=spec.fab is not None)
-    # a fab that cannot be read is told by `examine`, once
+    # a fab profile that cannot be read is reported by `examine`
     fab = None if spec.fab is None else tried(lambda: load_fab(str(spec.fab)), [])
     if request.wished and spec.fab is None:
         message = f"panel = '{values['panel']}' is of films with parts, but part = '{spec.part}' is printed or milled; "
@@ -152,14 +152,14 @@ def examine_order(
         problems.append(Problem("avoid", message))
     first = request.sectors[0] if request.sectors else tape_values.get("sector")
     if request.sectors is None and "sectors" in values and "sector" not in tape_values:
-        first = 0  # faults of the sectors are among the problems
+        first = 0  # invalid sectors are already among the problems
     base_values = {**tape_values, **({} if first is None else {"sector": first})}
     alone = by_profile and fab is not None and not arrangements(spec.size_mm, fab)
     of_panel = [] if fab is None or alone else _panel_problems(spec, first, request, fab, tape_values.get("tag_id"))
     try:
         base = examine(base_values, output=output, overwrite=overwrite, known=problems)
     except SpecError as error:
-        # one tag for all tapes is told by the panel; the tape's own sentence on the same id would say it twice
+        # the panel reports one tag id for all tapes; the tape's own problem with that id would be a repetition
         of_tape = [p for p in error.problems if p.root != "tag_id" or all(q.root != "tag_id" for q in of_panel)]
         raise refusal([*of_tape, *sound(of_panel, of_tape)], error.findings) from None
     if alone:
@@ -171,10 +171,10 @@ def examine_order(
 
 
 def takes_panel(values: Mapping[str, Any]) -> tuple[bool, str]:
-    """Whether the sectors of a list go on one panel without --panel, as the fab's profile says; else a remark, or "".
+    """Whether the fab's profile puts the sectors of a list on one panel without --panel; if not, a remark, or "".
 
-    They do where so many tapes fill a panel that fab and assembly take: the same rule as for one sector, which takes the
-    sectors that follow along.
+    It does if that many tapes fill a panel that fab and assembly accept, as it does for one sector, whose panel is filled with
+    the sectors that follow.
     """
     request, problems = read_panel_request(values)
     spec, refused = read_spec({"sector": 0, **{key: value for key, value in values.items() if key not in PANEL_KEYS}})
@@ -184,7 +184,7 @@ def takes_panel(values: Mapping[str, Any]) -> tuple[bool, str]:
     fitting = arrangements(spec.size_mm, fab)
     if not fitting:
         return False, _no_panel(spec.size_mm, fab)
-    # numbers of tapes that fill a panel, the nearest to what was asked first
+    # numbers of tapes that fill a panel, the nearest to the requested one first
     counts = sorted({columns * rows for columns, rows in fitting}, key=lambda n: abs(n - len(request.sectors or ())))
     if len(request.sectors) in counts:
         return True, ""
@@ -200,7 +200,7 @@ def _no_panel(size_mm: tuple[float, float], fab: FabProfile) -> str:
 
 
 def _without_panel(values: Mapping[str, Any], *, films: bool) -> list[Problem]:
-    """Keys that concern a panel although no panel is made; only films go on one."""
+    """Problems of panel options if no panel is made."""
     asked = "give --panel, or " if films else ""
     return [
         Problem(key, f"{key} is of a panel, and none is asked for; {asked}leave out --{key.replace('_', '-')}")
@@ -210,7 +210,7 @@ def _without_panel(values: Mapping[str, Any], *, films: bool) -> list[Problem]:
 
 
 def _examine_panel(base: Examined, request: PanelRequest, values: Mapping[str, Any], *, by_profile: bool) -> ExaminedPanel:
-    """The panel of tapes of these values, each with its own sector and name."""
+    """The panel of tapes with these values, each with its own sector and name."""
     fab, size_mm, first = base.fab, base.tape.board.size_mm, base.tape.sector
     count = None if request.sectors is None else len(request.sectors)
     arrangement = request.arrangement or choose_arrangement(size_mm, fab, count)
@@ -231,7 +231,7 @@ def _examine_panel(base: Examined, request: PanelRequest, values: Mapping[str, A
 
 
 def _together(tapes: Sequence[Examined], *, named: bool) -> tuple[Finding, ...]:
-    """Windows or places that tapes of a panel share, with sectors at which they share none."""
+    """Finding of conflicts between tapes of a panel; its remedy gives sectors without conflicts."""
 
     def remedy(found: Sequence[Conflict]) -> str:
         drawn = [tape.tape for tape in tapes]
@@ -242,7 +242,7 @@ def _together(tapes: Sequence[Examined], *, named: bool) -> tuple[Finding, ...]:
 
 
 def _panel_problems(spec: TapeSpec, first: object, request: PanelRequest, fab: FabProfile, tag_id: object) -> list[Problem]:
-    """Problems of columns and rows, and of the sectors and tags of the tapes on them, or on those that the remedy names."""
+    """Problems of columns and rows, and of sectors and tags of the tapes; with refused columns and rows, those of the remedy."""
     problems: list[Problem] = []
     count = None if request.sectors is None else len(request.sectors)
     arrangement = request.arrangement
@@ -271,7 +271,7 @@ def _sector_problems(spec: TapeSpec, first: int, count: int) -> list[Problem]:
 
 
 def _tag_problems(spec: TapeSpec, first: int, count: int, sectors: Sequence[int] | None, tag_id: object) -> list[Problem]:
-    """One id asked for several tapes, or sectors that are no ids."""
+    """Problems of one tag id for several tapes, and of sectors that are not tag ids."""
     last = max(sectors) if sectors is not None else first + count - 1
     within = f"name --sectors up to {TAG_IDS - 1}" if sectors is not None else f"use --sector {TAG_IDS - count} or less"
     if tag_id is not None:

@@ -1,4 +1,4 @@
-"""Examination of a tape: decides whether it can be made and measures every rule, before anything is written."""
+"""Examination of a tape: whether it can be made, and every rule measured, before anything is written."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ from tactape_fab.texture.tape import DEFAULT_GRID, Tape, refuse_no_tapes
 T = TypeVar("T")
 
 _SECTORS_BESIDE = 4
-"""Most other sectors that are tried beside tapes to avoid: a search for the origin each."""
+"""Most other sectors that are tried if the sector conflicts with tapes to avoid; each takes a search for the origin."""
 
 _FORM_KEYS = (*ELEMENT_KEYS, "size_mm", "process", "base_mm", "around", "shell")
-"""Keys on which the building of the solid models depends."""
+"""Keys on which the solid models depend."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,12 +161,12 @@ def examine(
     planned, tape, search = _planned(spec, profiles, avoid, problems)
     if tape is None:
         raise refusal(problems)
-    # with other elements than those asked for no rule says anything of the tape
+    # rules measured on other elements than those asked for do not apply to the tape
     measurable = {problem.root for problem in problems}.isdisjoint(ELEMENT_KEYS)
     spec, resized = planned, planned.size_mm != spec.size_mm
     film, findings = _measured(spec, tape, profiles, problems, resized=resized)
     if problems:
-        # places on a board that is only a substitute mean nothing: at_mm is left out
+        # places on a substitute board mean nothing, so at_mm is left out
         raise refusal(problems, [replace(f, at_mm=None) for f in findings if f.blocks and measurable])
     certificate = certify(tape)
     findings += _beside(spec, tape, profiles, avoid)
@@ -186,12 +186,12 @@ def examine(
 
 
 def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Problem]) -> TapeSpec:
-    """Read the spec from untrusted values; origin and sector may be left out if there are tapes to avoid."""
+    """Read the spec from untrusted values; with tapes to avoid, a missing sector or origin is not a problem."""
     given: object = values
     if not isinstance(given, Mapping):
         message = f"spec = {shown(given)} is no TapeSpec; give one, such as TapeSpec(sector=7)"
         raise SpecError([*problems, Problem("spec", message)])
-    # sector and origin are chosen among the tapes to avoid, so neither has to be given
+    # sector and origin are chosen away from the tapes to avoid, so neither has to be given
     if avoid:
         values = {"sector": 0, **({"origin": BEST} if has_plane(values.get("code")) else {}), **values}
     spec, refused = read_spec(values)
@@ -200,7 +200,7 @@ def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Probl
 
 
 def profiles_of(spec: TapeSpec) -> Profiles:
-    """The profiles that a spec names, as it asks for them.
+    """The profiles that a spec names, with the modes that it asks for.
 
     Raises SpecError if one cannot be read, or does not offer an option of the spec.
     """
@@ -227,7 +227,7 @@ def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profil
     if isinstance(part, PartProfile) and fab is not None:
         found = film_problems(spec, fab, part)
         problems += sound([replace(problem, needs=("fab",)) for problem in found], problems)
-        # refused options go back to their defaults, so that the others are still examined
+        # refused options get their defaults, so that the others are still examined
         spec = spec.but(**{problem.root: DEFAULTS[problem.root] for problem in found})
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
         if spec.part_number is not None:
@@ -267,7 +267,7 @@ def _free_sector(spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape]) -> i
     """
     if not has_plane(spec.code):
         used = {t.sector for t in avoid if t.code == spec.code} | {t.tag.id for t in avoid if t.tag is not None}
-        # the least free number: n used ones leave one below n + 1 free
+        # the smallest unused number, which is at most the count of used ones
         return min(set(range(len(used) + 1)) - used)
     return choose_sector(get_plane(spec.code), profiles.plan(spec).placed, avoid)
 
@@ -277,8 +277,8 @@ def _planned(
 ) -> tuple[TapeSpec, Tape | None, Choice | None]:
     """The tape, at the best origin if asked for, and the result of that search.
 
-    If no tape can be made, a substitute of the same elements, with the default code and a board that is large enough, is used
-    so that the rules can be measured.
+    If no tape can be made, the rules are measured on a substitute with the same elements, the default code and a board that is
+    large enough.
     """
     try:
         tape = profiles.plan(spec, None if problems else avoid)  # a refused tape is not designed
@@ -290,7 +290,7 @@ def _planned(
     except SpecError as error:
         problems += sound(error.problems, problems)
         refused = {problem.root for problem in error.problems}
-    # what was refused of the board is replaced by what holds in any case; the rest stays as the user has it
+    # refused keys of the board are replaced by values that are always valid; the others stay
     board = {"holes_mm": (), "corner_radius_mm": 0.0, "size_mm": DEFAULT_SIZE_MM}
     board = board if "size_mm" in refused else {key: value for key, value in board.items() if key in refused}
     spec = spec.but(**board, code=DEFAULT_CODE, sector=0, origin=(0, 0), directions=USUAL_DIRECTIONS)
@@ -298,7 +298,7 @@ def _planned(
 
 
 def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape]) -> tuple[Finding, ...]:
-    """Windows or places that a tape shares with those to avoid although it was placed away from them, and a sector without."""
+    """Finding of conflicts with the tapes to avoid that remain at the chosen origin; its remedy gives a sector without."""
 
     def elsewhere(_: int, sector: int) -> Tape | None:
         if not has_plane(spec.code):
@@ -317,8 +317,8 @@ def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape
 def _measured(
     spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Problem], *, resized: bool
 ) -> tuple[Film | None, list[Finding]]:
-    """The film's layers, and every rule; anything that prevents building the solid models is a problem, but what depends on the
-    size if the board is a substitute of another one.
+    """The film's layers, and every rule. Reasons why the solid models cannot be built are added to `problems`, except those of
+    the size if the board is a substitute (`resized`).
     """
     fab, part, process, form = profiles.fab, profiles.part, profiles.process, spec.form
     drawn = drawn_form(spec, tape)
@@ -328,7 +328,7 @@ def _measured(
         assert fab is not None
         film = Film(fab=fab, layout=build_layout(tape, spec, fab, part))
         findings = check(film.layout, fab, spec) + film_findings(film.layout, spec, fab)
-        # bodies that overlap are told by their own rule; that they leave their cells follows from it
+        # overlapping bodies have a rule of their own, and necessarily exceed their cells
         findings += [] if _broken(findings, "body-body") else undrawable(of_form, spec, film)
         findings += _corner_findings(tape, form)
         findings += check_models(tape, form, process, spec, part) if form is not None and process is not None else []
@@ -339,7 +339,7 @@ def _measured(
         findings = check_texture(tape, form, process, spec, part)
     if _broken(findings, "hole-hole") or _broken(findings, "hole-edge"):  # told already
         of_form = [problem for problem in of_form if problem not in hole_problems(tape.board)]
-    # which keys a problem of the models depends on: it is not told where one of these was refused
+    # the keys on which a problem of the models depends: it is dropped if one of these was refused
     needs: dict[str, tuple[str, ...]] = {"part": ELEMENT_KEYS, "holes_mm": (), "rotation_deg": ()}
     refused = [*problems, *([Problem("size_mm", "")] if resized else [])]
     problems += sound([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], refused)
@@ -351,12 +351,12 @@ def _broken(findings: Sequence[Finding], rule: str) -> bool:
 
 
 def drawn_form(spec: TapeSpec, tape: Tape) -> SolidForm | None:
-    """Form of the models, or of the flat film that simulators get; None where neither is drawn."""
+    """Form of the solid models, or that of the flat film for simulators; None if the kit has neither."""
     return spec.form or (SolidForm(base_mm=tape.board.thickness_mm) if spec.sim else None)
 
 
 def undrawable(problems: Sequence[Problem], spec: TapeSpec, film: Film) -> list[Finding]:
-    """Reason why the models cannot be built: a fab can place parts that are too large for the cells of the models."""
+    """Findings for parts that a fab can place but that are too large for the cells of the models."""
     found = []
     for problem in (p for p in problems if p.key == "part"):
         words = film_remedy(spec, film.fab, film.layout.part).words() or "use a smaller part"
@@ -375,12 +375,12 @@ def _corner_findings(tape: Tape, form: SolidForm | None) -> list[Finding]:
 
 
 def _origin_findings(tape: Tape) -> list[Finding]:
-    """Warning if a tape of the sector at its default origin, which others may have, shows a part of this one."""
+    """Warning if this tape overlaps the sector's tape at the default origin, which others may have."""
     u, v = default_origin(tape.code, tape.sector)
     column, row = tape.origin[0] - u, tape.origin[1] - v
     if column == row == 0 or get_code(tape.code).sequences is None:
         return []
-    columns, rows = max(DEFAULT_GRID[0], tape.columns), max(DEFAULT_GRID[1], tape.rows)  # as decode takes such tapes to be
+    columns, rows = max(DEFAULT_GRID[0], tape.columns), max(DEFAULT_GRID[1], tape.rows)  # the size that decode assumes
     if not (-tape.columns < column < columns and -tape.rows < row < rows):
         return []
     message = (
@@ -391,7 +391,7 @@ def _origin_findings(tape: Tape) -> list[Finding]:
 
 
 def _window_findings(certificate: Certificate, *, searched: bool) -> list[Finding]:
-    """Warning if 4x4 windows are equal: a contact that shows nothing else cannot tell these places apart."""
+    """Warning if 4x4 windows are equal, so that a contact which shows no more cannot tell these places apart."""
     # 4 x 4 is the window that the paper decodes (section III-A.4)
     size = certificate.of_side(4)
     if size.distance != 0:

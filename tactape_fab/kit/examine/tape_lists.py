@@ -29,11 +29,11 @@ from tactape_fab.texture.manifest import MANIFEST_NAME
 from tactape_fab.texture.tape import Tape
 
 _NAMED = 5
-"""Most tapes that a message names as refused for one reason; the others are counted."""
+"""Most tapes refused for one reason that a message names; the others are counted."""
 _MOST_SEARCHED = 24
-"""Most tapes of a list for which the best origins are searched before they are made: a quarter of a second each."""
+"""Most tapes of a list whose best origins are searched before they are made; each takes a quarter of a second."""
 _OF_THE_TAPE = ("sector", "origin", "name", "tag_id")
-"""Keys that are refused tape by tape; any other is refused once for its table."""
+"""Keys whose problems are reported for each tape; those of any other key are reported once per table."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class Planned:
 
     @property
     def texture(self) -> tuple[object, ...]:
-        """Key by which tapes are told apart: two tapes with the same value cannot be distinguished."""
+        """Key that is equal for two tapes which cannot be told apart."""
         spec = self.spec
         size_mm = None if has_plane(spec.code) else spec.size_mm  # another size, another design
         return spec.code, spec.directions, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm, size_mm
@@ -53,7 +53,7 @@ class Planned:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listed:
-    """All tapes of a list, the number of processes, and the rules, once for all tapes that differ in sector only."""
+    """All tapes of a list, the workers, and the findings, once for all tapes that differ only in sector."""
 
     tapes: tuple[Planned, ...]
     findings: tuple[Finding, ...]
@@ -72,7 +72,7 @@ def list_tapes(
 ) -> Listed:
     """Check a list of tapes as a whole; nothing is written.
 
-    Every value and every path is checked, the fab's rules once for all tapes that differ in sector only.
+    Every value and every path is checked, the fab's rules once for all tapes that differ only in sector.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def list_tapes(
     force : bool
         As for `make_kit`.
     packed : bool
-        Whether the tapes must fit the panels of their fabs.
+        Whether the tapes are packed on panels, whose size they must fit.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def list_tapes(
 
 
 def _together(tally: _Tally, *, by_table: bool) -> tuple[Finding, ...]:
-    """Windows or places that tapes of a list share, with sectors, or a search for origins, by which they share none."""
+    """Finding of conflicts between tapes of a list; its remedy gives sectors or ``--origin best`` if that resolves them."""
     if len(tally.drawn) > _MOST_SEARCHED and any(drawn.spec.origin == BEST for drawn in tally.drawn):
         return (too_many(len(tally.drawn)),)
     tapes = [drawn.tape() for drawn in tally.drawn]
@@ -152,7 +152,7 @@ def _together(tally: _Tally, *, by_table: bool) -> tuple[Finding, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Drawn:
-    """A tape of a list as it will be made; at the default place if its origin is still to be searched for."""
+    """A tape of a list; it is planned at the default origin if the best one is still to be searched for."""
 
     spec: TapeSpec
     profiles: Profiles
@@ -175,7 +175,7 @@ class _Drawn:
 
 @dataclass(slots=True, kw_only=True)
 class _Kind:
-    """Tapes that differ in sector and name only: the rules are measured on the first that passed.
+    """Tapes that differ only in sector and name: the rules are measured on the first one that passed.
 
     ``refusal`` is the problem shared by all of them; ``tables`` are the tables for which it has been reported.
     """
@@ -187,7 +187,7 @@ class _Kind:
 
 
 class _Tally:
-    """Collector that examines tape by tape and keeps every problem."""
+    """Examines tape by tape and collects every problem."""
 
     def __init__(self, *, packed: bool) -> None:
         self.packed = packed
@@ -206,7 +206,7 @@ class _Tally:
             self._another(entry, kind)
         if entry.where not in kind.tables:
             kind.tables.add(entry.where)
-            # of a kind that occurs in several tables remarks are told once, broken rules for each table
+            # for a kind that occurs in several tables, remarks are reported once, broken rules once per table
             said = [finding for finding in kind.findings if finding.blocks or len(kind.tables) == 1]
             self.findings += [replace(finding, message=entry.where + finding.message) for finding in said]
             self._refuse(entry, kind.refusal)
@@ -227,7 +227,7 @@ class _Tally:
         try:
             spec = TapeSpec.from_mapping(entry.values)
             if kind.examined is not None:
-                if has_plane(spec.code):  # only the design depends on the sector, and designing takes seconds
+                if has_plane(spec.code):  # a design takes seconds, and nothing else could fail with another sector
                     self._pass(spec, kind.examined, kind.examined.profiles.plan(spec))
                 else:
                     self._pass(spec, kind.examined, None)
@@ -243,12 +243,12 @@ class _Tally:
         for problem in problems:
             own = entry.of_sector if problem.root in _OF_THE_TAPE else ""
             message = entry.where + own + problem.message
-            # problems of one key that only sectors tell apart come together, so that `problems` can count them
+            # problems of one key that differ only in the sector are grouped, so that `problems` can count them
             kept = self._problems.setdefault((entry.where, problem.root if own else message), {})
             kept[message] = Problem(problem.key, message)
 
     def problems(self) -> list[Problem]:
-        """Every problem; for many tapes refused by the same key the first few."""
+        """Every problem; of many tapes with the same refused key only the first few are named."""
         told: list[Problem] = []
         for (where, key), kept in self._problems.items():
             several = list(kept.values())
@@ -299,7 +299,7 @@ def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: Overwrite) -> l
             refuse_taken(folder / name, overwrite=overwrite)
         except SpecError:
             try:
-                # taken with --overwrite as well: not a kit of this tool, or an edited one
+                # refused even with --overwrite: not a kit of this tool, or an edited one
                 refuse_taken(folder / name, overwrite=True)
                 older.append(name)
             except SpecError as error:  # not ours, or edited

@@ -1,4 +1,4 @@
-"""Tapes that are made or ordered together are certified together, before anything is written: none share places or windows."""
+"""Comparison of tapes that are made or ordered together, before anything is written: shared places, windows and tag ids."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from tactape_fab.texture.code import default_origin, get_code
 from tactape_fab.texture.tape import Tape
 
 MOST_POINTS = 200_000
-"""Grid points up to which tapes are compared before they are made: some seconds; more are left to `registry`."""
+"""Most grid points of tapes that are compared before they are made, which takes some seconds; `registry` compares more."""
 _SIDE = 4
 _NAMED = 3
 """Most conflicts that a message names; the others are counted."""
 _TRIES = 64
-"""Most sectors that are tried in place of one that conflicts."""
+"""Most sectors that are tried as a replacement for one that conflicts."""
 
 
 def together_findings(
     tapes: Sequence[Tape], remedy: Callable[[Sequence[Conflict]], str], *, new: int | None = None, copies: bool = False
 ) -> tuple[Finding, ...]:
-    """The finding of tapes that cannot be told apart somewhere, or whose tags are the same; none if they can.
+    """The finding of all conflicts between tapes; empty if there are none.
 
-    remedy: Function of the conflicts that gives what to type, or "".
-    new: How many tapes, the first ones, are new; conflicts among the others are not told.
-    copies: Whether tapes that are the same are meant to be, or told elsewhere.
+    remedy: Gives the options to type for these conflicts, or "".
+    new: Number of new tapes, which come first; conflicts among the others are not reported.
+    copies: Whether equal tapes are left out, as they are intended or reported elsewhere.
     """
     if len(tapes) < 2:
         return ()
@@ -44,13 +44,13 @@ def together_findings(
 
 
 def _of_given_id(pair: Sequence[Tape], new: int | None) -> bool:
-    """Whether two tags are the same because an id was given; of a new tape beside others its own counts."""
+    """Whether two tapes have the same tag id because one was given; beside existing tapes only that of the new tape counts."""
     given = [tape.tag is not None and tape.tag.id != tape.sector for tape in (pair if new is None else pair[:1])]
     return any(given) and pair[0].sector != pair[1].sector
 
 
 def too_many(count: int) -> Finding:
-    """The remark that so many tapes are not compared."""
+    """The remark that there are too many tapes to compare."""
     message = f"{count} tapes are too many to be compared before they are made; run registry on their folder afterwards"
     return Finding(rule="together", level="info", passed=False, unit="", message=message)
 
@@ -69,17 +69,17 @@ def apart(tapes: Sequence[Tape]) -> bool:
 def other_sectors(
     tapes: Sequence[Tape], found: Sequence[Conflict], moved_to: Callable[[int, int], Tape | None], tries: int = _TRIES
 ) -> list[int]:
-    """Sectors at which the tapes do not conflict: each tape keeps its own, but for one of every two that conflict.
+    """Sectors at which the tapes do not conflict; of every two that conflict, the second gets another sector.
 
-    moved_to: The tape at an index with another sector; None if there is none.
-    tries: Most sectors that are tried for each.
-    Returns: In the order of the tapes; empty if none were found.
+    moved_to: Gives the tape at an index with another sector; None if it cannot be made.
+    tries: Most sectors that are tried for each tape.
+    Returns: Sectors in the order of the tapes; empty if none were found.
     """
-    # the second of each conflicting pair moves: the first may be one that exists already
+    # the first of a conflicting pair keeps its sector, as it may exist already
     moved = {c.tapes[1] for c in found}
     kept = [tape for i, tape in enumerate(tapes) if i not in moved]
     sectors = {i: tape.sector for i, tape in enumerate(tapes)}
-    # one after the other: each is compared with all that stay or have found a sector
+    # each is compared with all tapes that keep their sector or have got another one
     for i in sorted(moved):
         for tape in _others(i, set(sectors.values()), moved_to, tries):
             if apart([tape, *kept]):
@@ -92,7 +92,7 @@ def other_sectors(
 
 
 def of_sector(spec: TapeSpec, plan: Callable[[TapeSpec], Tape], sector: int) -> Tape | None:
-    """The tape of a spec with another sector, whose origin and tag follow the sector where they did; None if there is none."""
+    """The tape with another sector; a default origin or tag id becomes that of the new sector. None if it cannot be made."""
     if sector >= get_code(spec.code).sectors:
         return None
     followed = spec.origin == default_origin(spec.code, spec.sector)
@@ -106,15 +106,15 @@ def of_sector(spec: TapeSpec, plan: Callable[[TapeSpec], Tape], sector: int) -> 
 
 def _others(i: int, used: set[int], moved_to: Callable[[int, int], Tape | None], tries: int) -> Iterator[Tape]:
     free = [sector for sector in range(max(used) + tries + 1) if sector not in used]
-    # sectors above the largest one first, then those left free below it
-    for sector in sorted(free, key=lambda s: (s < max(used), s))[:tries]:  # those that follow first
+    # sectors above the largest used one first, then free ones below it
+    for sector in sorted(free, key=lambda s: (s < max(used), s))[:tries]:
         tape = moved_to(i, sector)
         if tape is not None:
             yield tape
 
 
 def sector_words(sectors: Sequence[int]) -> str:
-    """Sectors as --sectors takes them, runs of three and more as ranges: ``0-2,7``."""
+    """Sectors in the syntax of --sectors, with runs of three or more as ranges: ``0-2,7``."""
     runs: list[list[int]] = []
     for sector in sectors:
         if runs and sector == runs[-1][-1] + 1:

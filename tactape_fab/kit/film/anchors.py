@@ -1,4 +1,4 @@
-"""Anchors: copper that extends from each pad under the coverlay, as spurs alone or connected to a mesh of webs."""
+"""Anchors: copper that extends from each pad under the coverlay, either spurs alone or spurs connected by a mesh of webs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 
 _REACHES_MM = (0.3, 0.6, 2.0, 20.0)
-"""Search radii round a line for openings, tried in this order."""
+"""Search radii for the nearest shapes, tried in this order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,21 +69,21 @@ def anchor_plan(mode: str, fab: FabProfile, outlines: PartOutlines) -> AnchorPla
 
 
 def clearance_mm(fab: FabProfile) -> float:
-    """Clearance of a line from other pads' openings; it also keeps the copper gap to the pads inside them."""
-    # an opening lies one expansion outside its pad: a line c away from the opening is c + expansion away from the copper
+    """Clearance of a line from openings of other parts, such that the copper gap to the pads in them holds as well."""
+    # an opening extends one expansion beyond its pad: a line c from the opening is c + expansion from the copper
     return max(fab.anchor.opening_mm, fab.limits["pad-pad"].value_mm - fab.coverlay_expansion_mm)
 
 
 def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
     """Draw the anchors of every placed part.
 
-    A spur runs along its part, out of the opening. In a mesh the webs form a brick pattern: lines half way between the
-    diagonals of the grid, with ties across where two parts face each other, and every spur is extended to its tie. Webs too
-    near to the outline or a hole are left out; a spur without its tie ends as without a mesh.
+    A spur runs along its part, out of the opening. The webs of a mesh form a brick pattern: lines half way between the diagonals
+    of the grid, with ties across them where two parts face each other, and every spur is extended to its tie. Webs too near to
+    the outline or a hole are left out; a spur without a tie has the same length as without a mesh.
     """
     rotation_deg = tape.part.rotation_deg
     axis = rotate((1.0, 0.0), rotation_deg)
-    # land 1 lies at -axis and land 2 at +axis, as in `part_outlines`; shapes (n, 2, 2): part, land, xy
+    # land 1 is at -axis and land 2 at +axis, as in `part_outlines`; shapes (n, 2, 2): part, land, xy
     ends = np.array([-1.0, 1.0])
     centres = tape.part_xy_mm()
     start = centres[:, None] + ends[:, None] * pads.offset_mm * axis
@@ -91,8 +91,8 @@ def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
     webs = np.empty((0, 2, 2))
     if plan.mode == "mesh":
         webs, tied, tie_mm = _mesh(plan, tape)
-        # the tie is a line across the axis at tie_mm: a displaced part reaches it along its own axis, off the tie's middle by Δ
-        # sin 45 deg (with eight directions Δ) at most, and the tie reaches W/sqrt(8) to each side
+        # the tie is a line across the axis at tie_mm: a displaced part meets it at most Δ sin 45 deg (with eight directions Δ)
+        # from the tie's middle, and the tie extends W/sqrt(8) to each side
         on = tie_mm - (centres @ axis)[:, None]
         tip = np.where(tied[..., None], centres[:, None] + on[..., None] * axis, tip)
     spurs = np.stack([start, tip], axis=2).reshape(-1, 2, 2)
@@ -103,34 +103,34 @@ def _mesh(plan: AnchorPlan, tape: Tape) -> tuple[FloatArray, np.ndarray, FloatAr
     """Webs (m, 2, 2) in the board frame; whether each pad's tie exists; its distance along the part. Shapes (n, 2)."""
     rotation_deg, half_mm = tape.part.rotation_deg, tape.pitch_mm / sqrt(2)
     origin = np.array(tape.board.texture_origin_mm)
-    # Along and across the parts, which lie at 45 degrees, the grid point (c, r) is at W/sqrt(2) (c - r) and W/sqrt(2) (c + r), up
-    # to signs. In units of (W/sqrt(2), W/sqrt(8)) it is a pair (i, j) of whole numbers, j even, with neighbours in one diagonal 2
-    # apart in i. Odd j are the lines half way between two diagonals; i +- 1 is half way to the part that is faced. rint removes
-    # the rounding of the rotation alone
+    # Along and across the parts, which are at 45 degrees, the grid point (c, r) is at W/sqrt(2) (c - r) and W/sqrt(2) (c + r), up
+    # to signs. In units of (W/sqrt(2), W/sqrt(8)) it is a pair (i, j) of integers, j even, with neighbours of one diagonal 2
+    # apart in i. Odd j are the lines half way between two diagonals; i +- 1 is half way to the facing part. rint removes only the
+    # rounding of the rotation
     points = texture_to_board(tape.cells() * tape.pitch_mm, (0.0, 0.0))
     i, j = np.rint(rotate(points, -rotation_deg) / (half_mm, half_mm / 2)).astype(np.int64).T
     sides = [(i + a, j + b, i + a + 1, j + b) for a in (-1, 0) for b in (-1, 1)]
     ties = [(i + a, j - 1, i + a, j + 1) for a in (-1, 1)]
     # rows (i, j, i, j): both ends of each web; first the ties at i - 1 of all parts, then those at i + 1, then the sides
     of_parts: IntArray = np.concatenate([np.column_stack(edge) for edge in [*ties, *sides]])
-    # a web between two cells comes from both of them, and is drawn once; `which` leads from each row back to its web
+    # a web between two cells is listed by both and drawn once; `which` maps each row to its web
     edges, which = np.unique(of_parts, axis=0, return_inverse=True)
     lattice = edges.reshape(-1, 2, 2) * (half_mm, half_mm / 2)
     webs = rotate(lattice, rotation_deg) + origin
     kept = _clear_of_outline_and_holes(plan, tape, webs)
     # the first 2 n rows are the ties; (2, n) becomes (n, 2), one column for each land
     tied = kept[which.ravel()[: 2 * len(i)]].reshape(2, -1).T
-    # the lattice was counted from grid point (0, 0): its own place along the axis is added
+    # the lattice's coordinates start at grid point (0, 0), whose own place along the axis is added
     along = float(origin @ rotate((1.0, 0.0), rotation_deg))
     return webs[kept], tied, np.column_stack([i - 1, i + 1]) * half_mm + along
 
 
 def _clear_of_outline_and_holes(plan: AnchorPlan, tape: Tape, webs_mm: FloatArray) -> np.ndarray:
     board = tape.board
-    # the outline is convex: a segment is nearest to it at one of its ends
+    # the outline is convex, so a segment inside is nearest to it at one of its ends
     inside = inset_mm(webs_mm, board.size_mm, board.corner_radius_mm).min(axis=1) - plan.web_mm / 2
     kept = inside >= plan.pad_edge_mm - TOLERANCE_MM
-    # of a hole the nearest place may be anywhere on the line
+    # a segment may be nearest to a hole anywhere along it
     lines = shapely.linestrings(webs_mm)
     for x, y, diameter in board.holes:
         gap = shapely.distance(lines, shapely.Point(x, y)) - (diameter + plan.web_mm) / 2
@@ -139,15 +139,15 @@ def _clear_of_outline_and_holes(plan: AnchorPlan, tape: Tape, webs_mm: FloatArra
 
 
 def foreign_openings_mm(anchors: Anchors, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> tuple[float, FloatArray]:
-    """Least distance of the copper lines from openings other than their own pad's, mm, and its place; inf if none is near."""
+    """Least distance of the copper lines from openings of other parts, mm, and its place; inf if none is near."""
     boxes = shapely.polygons(parts_xy_mm[:, None] + opening_mm)
     return nearest_foreign(anchors, boxes)
 
 
 def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, FloatArray]:
-    """`foreign_openings_mm` of openings that are given as polygons, in designator order."""
+    """As `foreign_openings_mm`, with the openings as polygons in designator order."""
     lines = shapely.linestrings(anchors.lines_mm)
-    # spurs come in pairs, one pair for each part; a web is nobody's, so that it is measured against every opening
+    # each part has two spurs; a web belongs to no part, so that it is measured against every opening
     owner = np.concatenate([np.arange(len(anchors.spurs_mm)) // 2, np.full(len(anchors.webs_mm), -1)])
     gap_mm, line = _least_gap(lines, openings, lambda line, box: owner[line] != box, anchors.web_mm / 2)
     return gap_mm, np.zeros(2) if line is None else anchors.lines_mm[line].mean(axis=0)
@@ -163,7 +163,7 @@ def foreign_pads_mm(anchors: Anchors, pads_mm: FloatArray) -> float:
 
 
 def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
-    """Least gap between spurs of two parts, mm, and its place; inf if no two are near. In a mesh they are connected."""
+    """Least gap between spurs of two parts, mm, and its place; inf if no two are near. Not for a mesh, which connects them."""
     lines = shapely.linestrings(anchors.spurs_mm)
     gap_mm, spur = _least_gap(lines, lines, lambda a, b: a // 2 < b // 2, anchors.web_mm)
     return gap_mm, np.zeros(2) if spur is None else anchors.spurs_mm[spur, 1]
@@ -174,10 +174,10 @@ def _least_gap(
 ) -> tuple[float, int | None]:
     """Least distance of a line from the others less `wide_mm`, mm, and the line's index; inf and None if no two are near.
 
-    counts: Mask of the pairs that are looked at, by the indices of line and other.
+    counts: Gives a mask of the pairs to consider, from the indices of line and other.
     """
     tree = shapely.STRtree(others)
-    # dwithin finds all pairs within the radius: as soon as one counts, the least of them is the least of all
+    # dwithin finds all pairs within the radius: as soon as one counts, the least distance among them is the overall least
     for reach in _REACHES_MM:  # the first one nearly always contains the least distance
         line, other = tree.query(lines, predicate="dwithin", distance=reach)
         kept = counts(line, other)
@@ -191,7 +191,7 @@ def _least_gap(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placing:
-    """How parts are placed on the grid, apart from its pitch."""
+    """Parameters of the placement on the grid other than the pitch."""
 
     rotation_deg: float
     displacement_mm: float
@@ -212,19 +212,19 @@ def anchor_pitch_mm(
     if name == "mesh":
         if rotation_deg % 90.0 != 45.0:
             return None
-        # A side runs W/sqrt(8) beside the parts' axes, a tie W/sqrt(2) before their middles. A part displaced by s across or
-        # along takes b/2 + s, or a/2 + s, of that: W >= sqrt(8) (clear + b/2 + s), W >= sqrt(2) (clear + a/2 + s), where sqrt(2)
-        # s is Δ (|x| + |y|) of the unit displacement: the component along a diagonal of the grid, times sqrt(2)
+        # A side web runs W/sqrt(8) beside the parts' axes, a tie W/sqrt(2) from their middles. An opening displaced by s across
+        # or along needs b/2 + s, or a/2 + s, of that: W >= sqrt(8) (clear + b/2 + s), W >= sqrt(2) (clear + a/2 + s), where
+        # sqrt(2) s is Δ (|x| + |y|) of the unit displacement, sqrt(2) times its component along a diagonal of the grid
         sideways_mm = displacement_mm * DIRECTIONS[placing.directions].reach_diagonal
         return max(sqrt(2) * (2 * clear + b) + 2 * sideways_mm, sqrt(2) * (clear + a / 2) + sideways_mm)
     plan = anchor_plan("spur", fab, outlines)
-    # a spur as a segment along the part: its half length, and the distance of its middle from the part's
+    # a spur as a segment along the part: half its length, and the distance of its middle from the part's
     half, middle = (plan.tip_mm - pads.offset_mm) / 2, (plan.tip_mm + pads.offset_mm) / 2
     apart = (fab.limits["pad-pad"].value_mm if copper_mm is None else copper_mm) + rules.web_mm
     of_symbols = partial(least_pitch_mm, directions=placing.directions)
-    # Forbidden shifts of a neighbour are the Minkowski sum of the two shapes: of opening and segment a box of half sides a/2 +
-    # half and b/2 about the spur's middle, of two segments a segment of twice their half length. Neighbours and pairs of symbols
-    # come with both signs, so that the other spur of the part needs no box of its own
+    # The forbidden shifts of a neighbour are the Minkowski sum of the two shapes: for opening and segment a box of half sides
+    # a/2 + half and b/2 about the spur's middle, for two segments a segment of twice their half length. Neighbours and pairs of
+    # symbols occur with both signs, so that the part's other spur needs no box of its own
     return max(
         of_symbols((half + a / 2, b / 2), clear, rotation_deg, displacement_mm, (middle, 0.0)),
         # spurs at opposite ends (the middles 2 middle apart), then at equal ends of two parts

@@ -1,7 +1,7 @@
-"""Ways to open the coverlay, and the least legal pitch of each: closed forms for any arrangement of symbols.
+"""Ways to open the coverlay, and the least legal pitch of each for any arrangement of symbols, in closed form.
 
-All openings are one rotated box at different places. Two of them are at least L apart exactly if the shift between them
-lies outside a box of twice their size, offset outward by L with round corners.
+All openings are one rotated box at different places. Two of them are at least L apart if and only if the shift between them
+is outside a box of twice their size, offset outward by L with round corners.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, snap_mm, textu
 from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rotate, rounded_rectangle
 
 _REACH = 3
-"""Neighbours farther than this many grid points are never the nearest ones: their shifts grow with the distance."""
+"""Largest grid distance of neighbours that can be the nearest ones."""
 _LEAST_STEP_MM = 0.001
 _SIGNS = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
-"""Of the corners of a box about its middle."""
+"""Signs of the corners of a box about its centre."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,12 +44,12 @@ class Mode:
 
 @cache
 def _neighbour_shifts(directions: int) -> tuple[FloatArray, FloatArray]:
-    """Grid steps of all neighbours, and differences of displacement, by pairs; shapes (m, 2), board frame, unit lengths."""
+    """Grid steps to neighbours and differences of displacement, in all combinations; shapes (m, 2), board frame, unit lengths."""
     span = np.arange(-_REACH, _REACH + 1)
-    # both signs of each step: the shift of b from a and of a from b, since a box off the centre is not symmetric
+    # each step with both signs, since a box that is off the centre is not symmetric
     steps = np.array([(c, r) for c in span for r in span if c or r], dtype=np.float64)
     differences = (DIRECTIONS_XY[:directions, None] - DIRECTIONS_XY[:directions]).reshape(-1, 2)
-    # of 16 pairs of four symbols 9 differences are distinct: the others would only repeat the same lines
+    # 16 pairs of four symbols have 9 distinct differences
     apart = np.array(sorted(set(map(tuple, differences.tolist()))))
     found = (
         texture_to_board(np.repeat(steps, len(apart), axis=0), (0.0, 0.0)),
@@ -65,8 +65,8 @@ def worst_box_gap_mm(
 ) -> float:
     """Least gap between equal turned boxes on neighbouring grid points over all pairs of symbols; negative in an overlap."""
     steps, apart = _neighbour_shifts(directions)
-    # signed distance of a shift from the difference of two equal boxes, a box of half sides `size`: in the box's own axes |x| -
-    # length and |y| - width; outside it is the length of their positive parts, inside the larger of the two
+    # signed distance of a shift from the Minkowski difference of two equal boxes, which is a box of half sides `size`: with |x| -
+    # length and |y| - width in the box's axes, outside it is the norm of the positive parts, inside the larger of the two
     beyond = np.abs(rotate(steps * pitch_mm + apart * displacement_mm, -rotation_deg)) - size_mm
     outside = np.hypot(*np.maximum(beyond, 0.0).T)
     return float((outside + np.minimum(beyond.max(axis=1), 0.0)).min())
@@ -87,12 +87,12 @@ def least_pitch_mm(
     half_mm: Half the sides of the box along and across the part, before the offset.
     radius_mm: Outward offset of the box, and the radius of its corners.
     centre_mm: Its centre, along and across the part.
-    directions: Of the symbols.
+    directions: Number of displacement directions.
     """
     steps, apart = _neighbour_shifts(directions)
-    # A neighbour's shift is e + t d at pitch t: d the grid step along and across the part, e the difference of displacements, in
-    # mm, counted from the box's centre. The box is convex, so the line leaves it once: the largest t on its boundary is the least
-    # pitch from which on this shift is legal, and the largest of all lines that of the tape
+    # At pitch t a neighbour's shift is e + t d: d the grid step along and across the part, e the difference of displacements in
+    # mm, relative to the box's centre. The box is convex, so the line leaves it once: the largest t on its boundary is the pitch
+    # from which on this shift is legal, and the maximum over all lines is the tape's
     d = rotate(steps, -rotation_deg)
     e = rotate(apart * displacement_mm, -rotation_deg) - centre_mm
     a, b = half_mm
@@ -116,25 +116,25 @@ def _through_corners(d: FloatArray, e: FloatArray, half_mm: tuple[float, float],
     # whose larger root is where the line leaves the circle; shapes (4, m)
     (a, b), f = half_mm, e - (_SIGNS * half_mm)[:, None]
     x, y = d.T
-    # each sum of two written out: over so short an axis numpy's takes three times as long
+    # sums of two terms are written out, as numpy's sum over so short an axis takes three times as long
     dd, df, ff = x * x + y * y, x * f[..., 0] + y * f[..., 1], f[..., 0] ** 2 + f[..., 1] ** 2 - radius_mm**2
     t = (-df + np.sqrt(df * df - dd * ff)) / dd
     along, across = e[:, 0] + t * x, e[:, 1] + t * y
-    # only the quarter of each circle that faces outward is the box's boundary; where a root lies on another quarter the line
-    # leaves through a side, which `_through_sides` has
+    # only the quarter of each circle that faces outward is part of the boundary; if a root is on another quarter the line
+    # leaves through a side, which `_through_sides` finds
     outward = (_outward(along, _SIGNS[:, :1], a) >= a - 1e-12) & (_outward(across, _SIGNS[:, 1:], b) >= b - 1e-12)
     return float(np.max(t, where=np.isfinite(t) & outward, initial=-np.inf))
 
 
 def _outward(at: FloatArray, sign: FloatArray, half_mm: float) -> FloatArray:
-    """Coordinates of points towards a side of a box; of a box without a width, from its middle."""
-    # a box of no width has its two corners in one place, and their quarters are a half circle to both sides
+    """Coordinates towards the side of a box on which a corner is; for a box of no width, the distance from its middle."""
+    # the two corners of a box of no width coincide, and their quarter circles form a half circle
     return np.abs(at) if half_mm == 0.0 else at * sign
 
 
 def whole_um_up(pitch_mm: float) -> float:
-    """A pitch rounded up to whole micrometres, so that the figure in a message is legal itself."""
-    # rounded before ceil: 1.349 that came out as 1.3490000000000002 would become 1.350
+    """A pitch rounded up to whole micrometres, so that the value in a message is itself legal."""
+    # rounded before ceil: 1.3490000000000002 is 1.349, and must not become 1.350
     return round(ceil(round(pitch_mm / _LEAST_STEP_MM, 3)) * _LEAST_STEP_MM, 3)
 
 
@@ -144,7 +144,7 @@ def coverlay_modes(
     """Every way to open the coverlay, checked for a fab, a part and a grid."""
     size_mm = opening_size_mm(part, fab)
     bridge, least_size = fab.limits["opening-bridge"], fab.limits["opening-size"]
-    # the gap of the present grid for the message, and the pitch for the remedy: two ways to the same limit, which agree
+    # the gap of the present grid is for the message, the least pitch for the remedy; both express the same limit
     gap_mm = worst_box_gap_mm(size_mm, rotation_deg, pitch_mm, displacement_mm, directions)
     pitch = whole_um_up(least_pitch_mm(size_mm, bridge.value_mm, rotation_deg, displacement_mm, directions=directions))
     wide = bridge.level != "block" or gap_mm >= bridge.value_mm - TOLERANCE_MM
@@ -172,7 +172,8 @@ def first_legal(modes: Sequence[Mode], fab: FabProfile) -> CoverlayMode:
 
 
 def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> FloatArray:
-    """One opening for all parts: the box round their openings, within the outline offset inward as far as they allow.
+    """One opening for all parts: the bounding box of their openings, clipped by the outline, which is offset inward as far as
+    the openings allow.
 
     parts_xy_mm (n, 2)
     opening_mm (k, 2): One part's opening about its centre.
@@ -180,14 +181,14 @@ def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -
     """
     low, high = parts_xy_mm.min(axis=0) + opening_mm.min(axis=0), parts_xy_mm.max(axis=0) + opening_mm.max(axis=0)
     window = shapely.box(*low, *high)
-    # openings of parts at a rounded corner reach beyond the box's own inset: the outline is offset inward by the least inset of
-    # all their vertices, and an outline with corners of radius R offset by f has corners of radius R - f
+    # at a rounded corner the box would come too near to the outline, which is therefore offset inward by the least inset of all
+    # vertices; an outline with corner radius R offset by f has the corner radius R - f
     vertices_mm = parts_xy_mm[:, None] + opening_mm
     frame_mm = max(float(inset_mm(vertices_mm, board.size_mm, board.corner_radius_mm).min()), 0.0)
     radius_mm = max(board.corner_radius_mm - frame_mm, 0.0)
     size_mm = (board.size_mm[0] - 2 * frame_mm, board.size_mm[1] - 2 * frame_mm)
     inner = rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(board.size_mm) / 2
-    # two convex shapes: the intersection is one convex polygon, whose direction GEOS does not promise
+    # the intersection of two convex shapes is a convex polygon, whose orientation GEOS does not guarantee
     ring = shapely.Polygon(inner).intersection(window).exterior
     points = snap_mm(np.array(ring.coords)[:-1])
     return points if ring.is_ccw else points[::-1]

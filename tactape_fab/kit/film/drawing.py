@@ -1,4 +1,4 @@
-"""Drawing: content of one set of fabrication files, of a single tape or of a panel. It is the only input of the renderers."""
+"""Drawing: the shapes of one set of fabrication files, for a tape or a panel; the input of the layer renderers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Offset = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fiducials:
-    """Fiducial marks for the assembly line's cameras: discs of bare copper in wider openings.
+    """Fiducials for the assembly line's cameras: discs of bare copper in wider mask openings.
 
     xy_mm (k, 2)
     copper_mm, opening_mm: Diameters.
@@ -36,14 +36,14 @@ class Fiducials:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parts:
-    """The parts of one tape, all turned alike, with their lands and openings.
+    """The parts of one tape, all with the same rotation, with their lands and openings.
 
     Attributes
     ----------
     rotation_deg : float
     xy_mm : ndarray, shape (n, 2)
     pads, paste, openings, bodies : Flashes
-        As in `Layout`; ``openings`` is None where one window is opened for all.
+        As in `Layout`; ``openings`` is None if one window is opened for all parts.
     """
 
     rotation_deg: float
@@ -56,16 +56,16 @@ class Parts:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawing:
-    """One set of fabrication files, in the frame of its own outline: x right, y up from the lower left corner, mm.
+    """Shapes of one set of fabrication files; frame: x right, y up from the lower left corner of its outline, mm.
 
     project: Name and identity of its files.
     size_mm, corner_radius_mm, outline_mm: The outline, and the same with rounded corners as polylines, shape (k, 2).
     holes (x, y, diameter)
-    parts: Those of each tape, with designators R1 ... Rn that run on through them.
-    outlines: Of a part of the first tape, as it lies.
+    parts: Parts of each tape; designators R1 ... Rn are numbered through all tapes.
+    outlines: Outlines of a part of the first tape, in the drawing's rotation.
     windows_mm: One coverlay opening in place of those of each part, for tapes in mode gang.
-    backed_mm: Areas that stiffener and adhesive are laminated to.
-    slots_mm each (k, 2): Slots cut round the tapes of a panel; empty for a single tape.
+    backed_mm: Areas to which stiffener and adhesive are laminated.
+    slots_mm each (k, 2): Slots routed around the tapes of a panel; empty for a single tape.
     """
 
     project: Project
@@ -133,7 +133,7 @@ def tape_drawing(layout: Layout) -> Drawing:
 
 
 def joined(drawings: Sequence[Drawing], places: Sequence[tuple[Offset, bool]]) -> Drawing:
-    """Drawings with the same part turned by 90 degrees where so placed, moved, and joined; outline and name are the first's."""
+    """Merge drawings at their places, turned by 90 degrees where asked for; outline and name are those of the first."""
     moves = [_Move(offset_mm=np.array(offset), turned=turned) for offset, turned in places]
     pairs, first = list(zip(drawings, moves, strict=True)), drawings[0]
 
@@ -150,7 +150,7 @@ def joined(drawings: Sequence[Drawing], places: Sequence[tuple[Offset, bool]]) -
         legend=Legend(
             areas_mm=tuple(move(area) for drawing, move in pairs for area in drawing.legend.areas_mm),
             strokes_mm=tuple(move(stroke) for drawing, move in pairs for stroke in drawing.legend.strokes_mm),
-            # one fab has one width of line, and a tape without a strip none
+            # all drawings of one fab have one line width, but those without a strip have 0
             line_mm=max(drawing.legend.line_mm for drawing in drawings),
         ),
         windows_mm=shapes("windows_mm"),
@@ -181,13 +181,13 @@ class _Move:
         return snap_mm(moved) if snap else moved
 
     def outlines(self, of: PartOutlines) -> PartOutlines:
-        # they are about the part's centre, and the opening's size is that of the unturned part
+        # outlines are about the part's centre, so they are only turned; the opening's size is that of the unturned part
         turned: dict[str, Any] = {k: self.turn(getattr(of, k)) for k in PartOutlines.__slots__ if k != "opening_size_mm"}
         return replace(of, **turned)
 
     def parts(self, parts: Parts) -> Parts:
         def flashes(of: Flashes) -> Flashes:
-            # an outline is turned about its own origin, and only the place of its flash is moved
+            # an outline is turned about its own origin; only the flash's place is moved
             return Flashes(outline_mm=self.turn(of.outline_mm), xy_mm=self(of.xy_mm))
 
         return Parts(
@@ -206,7 +206,7 @@ def _pair(xy_mm: FloatArray) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Project:
-    """Identity of one set of files: its name, the text from which its GUID is derived, and the kind of board (.Part)."""
+    """Identity of one set of files: name, text from which the GUID is derived, and kind of board (.Part)."""
 
     name: str
     key: str
@@ -220,5 +220,5 @@ class Project:
     @property
     def guid(self) -> uuid.UUID:
         """A GUID in the form of RFC 4122 version 4, derived from `key` alone; also the value of .SameCoordinates."""
-        # 16 bytes of a digest with the six bits of version and variant overwritten: the same key gives the same files
+        # 16 bytes of a digest with the six bits of version and variant overwritten, so that equal keys give equal files
         return uuid.UUID(bytes=hashlib.sha256(self.key.encode()).digest()[:16], version=4)

@@ -19,17 +19,17 @@ _DELTA = (
     (np.array([(9.0, 21.0), (1.0, 0.0)]), np.array([(9.0, 21.0), (17.0, 0.0)]), np.array([(1.0, 0.0), (17.0, 0.0)])),
     18.0,
 )
-"""Strokes and advance of Delta, copied from the Hershey Greek simplex font, because loading that font takes long."""
+"""Strokes and advance of Δ, copied from the Hershey Greek simplex font, which takes long to load."""
 
 LINE_PITCH = 1.65
-"""Line spacing in capital heights: a capital, the descender (a third of it), the ink and a gap."""
+"""Line spacing in cap heights: a capital, a descender (a third of it), the ink's width and a gap."""
 ARROW_MM = 3.0
 ARROW_GAP_MM = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Text:
-    """Strokes of one line of text, start of its base line at the origin, and its width."""
+    """Strokes of one line of text, whose base line starts at the origin, and its width."""
 
     strokes_mm: tuple[FloatArray, ...]
     width_mm: float
@@ -40,7 +40,7 @@ def _font():  # type: ignore[no-untyped-def]
     from HersheyFonts import HersheyFonts
 
     class Simplex(HersheyFonts):  # type: ignore[misc]
-        default_font_names = ("futural",)  # to list all of them it unpacks their archive once more
+        default_font_names = ("futural",)  # listing all fonts would unpack their archive once more
 
     font = Simplex()
     font.load_default_font(*Simplex.default_font_names)
@@ -83,7 +83,7 @@ def _width_mm(text: str, cap_height_mm: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Label:
-    """Strokes of a whole label in the board frame, and the names of the texts that did not fit."""
+    """Strokes of a whole label in the board frame, and the names of texts that did not fit."""
 
     strokes_mm: tuple[FloatArray, ...]
     left_out: tuple[str, ...]
@@ -104,8 +104,8 @@ def _arrow() -> tuple[FloatArray, ...]:
 
 
 def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) -> tuple[list[str], list[str]]:
-    """Distribute fields over lines in order, the longest line as short as possible; last fields are left out until it fits."""
-    # four fields at most, so that all ways to break them into lines can be tried
+    """Break fields into lines such that the longest is as short as possible; the last fields are dropped until they fit."""
+    # at most four fields, so that all line breaks can be tried
     for kept in range(len(fields), 0, -1):
         splits = combinations(range(1, kept), min(lines, kept) - 1)
         spread = [["  ".join(fields[i:j]) for i, j in pairwise((0, *split, kept))] for split in splits]
@@ -120,12 +120,12 @@ def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tup
 
     If there is not enough space for both, at most one field of text is left out for the arrow.
 
-    fields: What to print, most important first.
-    x_mm, y_mm: Available area: left and right, low and high.
+    fields: Texts to print, most important first.
+    x_mm, y_mm: Available area: (left, right) and (low, high).
     cap_mm: Height of a capital letter.
     """
     line_mm = LINE_PITCH * cap_mm
-    # n lines take (n - 1) pitches and one capital height; 1e-9 for a strip that holds them exactly
+    # n lines take (n - 1) pitches and one cap height; 1e-9 for a strip that they fill exactly
     lines = int((x_mm[1] - x_mm[0] - cap_mm) / line_mm + 1e-9) + 1
     low, high = y_mm
     beside_arrow = _pack(fields, lines, high - low - ARROW_MM - ARROW_GAP_MM, cap_mm)
@@ -142,7 +142,7 @@ def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tup
         name_left = at[0] - 0.28 * ARROW_MM - name.width_mm
         if name_left >= x_mm[0]:
             strokes += _placed(name.strokes_mm, (name_left, high - (ARROW_MM + cap_mm) / 2), 0.0)
-    # turned by 90 degrees a capital rises to -x from its base line: the block is centred by half a capital height
+    # turned by 90 degrees a capital extends to -x from its base line, so the block is centred by half a cap height
     first = middle - (len(packed) - 1) * line_mm / 2 + cap_mm / 2
     for i, text in enumerate(packed):
         strokes += _placed(stroke_text(text, cap_mm).strokes_mm, (first + i * line_mm, low), 90.0)

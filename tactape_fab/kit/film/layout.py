@@ -1,4 +1,4 @@
-"""build_layout(tape, ...) -> Layout: every written shape, as arrays in the board frame (mm)."""
+"""Layout of a tape: every shape that is written, as arrays in the board frame (mm)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Flashes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Legend:
-    """Legend: areas of ink without holes, and lines of `line_mm` width along `strokes_mm`."""
+    """Legend: inked areas without holes, and strokes of width `line_mm` along `strokes_mm`."""
 
     areas_mm: tuple[FloatArray, ...] = ()
     strokes_mm: tuple[FloatArray, ...] = ()
@@ -59,8 +59,8 @@ class Layout:
     pads, paste: 2 n flashes: R1 land 1, R1 land 2, R2 land 1 ...
     openings, bodies: n flashes in designator order.
     outline_mm (k, 2): The board's outline with its rounded corners as polylines.
-    coverlay: How it is opened: ``per-part``, ``lpi`` or ``gang``.
-    window_mm (m, 2): The one coverlay opening in place of `openings`, in mode gang.
+    coverlay: How the coverlay is opened: ``per-part``, ``lpi`` or ``gang``.
+    window_mm (m, 2): In mode gang the one coverlay opening that replaces `openings`.
     anchors: Copper that extends from the pads under the coverlay.
     stiffener, adhesive: Layer laminated to the whole underside: material and thickness in mm.
     """
@@ -116,7 +116,7 @@ def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile)
 def tape_legend(tape: Tape, rules: LegendSizes, *, light: bool) -> Legend:
     """Tag and label of a tape's strip; empty without a strip.
 
-    rules: Sizes of what the fab's legend printer prints.
+    rules: Limits of the fab's legend printer.
     light: Whether the ink is lighter than the film.
     """
     if tape.tag is None:
@@ -132,7 +132,7 @@ def tape_legend(tape: Tape, rules: LegendSizes, *, light: bool) -> Legend:
 
 
 def labelled_size_mm(tape: Tape, fab: FabProfile) -> tuple[float, float] | None:
-    """The least outline, higher by whole millimetres, whose strip has room for the whole label, mm; None if there is none."""
+    """The outline, higher by the fewest whole millimetres, whose strip holds the whole label, mm; None if there is none."""
     assert tape.tag is not None
     width_mm, height_mm = tape.board.size_mm
     for higher_mm in range(_MOST_HIGHER_MM):
@@ -146,8 +146,8 @@ def _label(tape: Tape, tag: Tag, rules: LegendSizes, size_mm: tuple[float, float
     """The label of a strip on an outline: between the tag and the upper end, inside the outline's rounded corner."""
     left_mm = TAG_KEEP_OUT_MM + rules.line_mm
     radius_mm, edge_mm = tape.board.corner_radius_mm, rules.edge_mm
-    # at left_mm from the left side the rounded corner, offset inward by edge_mm, is an arc of radius R - edge about (R, height -
-    # R): it ends R - rise below the upper side; right of the corner only the end gap counts
+    # the rounded corner, offset inward by edge_mm, is an arc of radius R - edge about (R, height - R): at left_mm it is R - rise
+    # below the upper side; right of the corner only the end gap counts
     rise_mm = sqrt(max((radius_mm - edge_mm) ** 2 - (radius_mm - left_mm) ** 2, 0.0)) if left_mm < radius_mm else radius_mm
     return compose_label(
         [

@@ -1,4 +1,4 @@
-"""AprilTag 36h11: cells to areas of ink within the limits of a legend printer."""
+"""Inked areas of an AprilTag 36h11, within the limits of a legend printer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactape_fab.texture.tag import SIDE_CELLS, tag_cells
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ink:
-    """Areas to print, each a polygon without holes, about the tag's centre (mm, y up).
+    """Areas to print, each a polygon without holes, relative to the tag's centre (mm, y up).
 
     Their union is the printed image; areas that were cut to remove a hole overlap along the cut.
     """
@@ -25,8 +25,8 @@ class Ink:
 def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, legend_is_light: bool) -> Ink:
     """Areas of ink that show the tag.
 
-    A light legend prints the light cells and the ring, a dark one the dark cells. Where two inked cells meet in a
-    corner only, both are chamfered, so that `gap_mm` stays free between them after an ink bleed of `bleed_mm`.
+    A light legend prints the light cells and the ring, a dark one the dark cells. Two inked cells that meet only at a
+    corner are both chamfered, so that `gap_mm` stays free between them after an ink bleed of `bleed_mm`.
 
     cell_mm: Side of a cell.
     gap_mm, bleed_mm: Least gap between inked areas, and ink bleed per edge.
@@ -38,8 +38,8 @@ def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, lege
     half = SIDE_CELLS / 2
     x, y = (column - half) * cell_mm, (half - 1 - row) * cell_mm
     image = shapely.union_all(shapely.box(x, y, x + cell_mm, y + cell_mm))
-    # A cut with legs along the cell's sides is leg / sqrt(2) away from the corner, on both cells: 2 (gap/2 + bleed) between them
-    # as drawn, of which the ink takes one bleed from each side
+    # A chamfer is leg / sqrt(2) away from the corner, on both cells: 2 (gap/2 + bleed) apart as drawn, of which the ink takes one
+    # bleed on each side
     leg_mm = (gap_mm / 2 + bleed_mm) * sqrt(2.0)
     corners = _corner_contacts(inked)
     # row 0 is the upper one, and a corner's row counts cell borders from the top
@@ -47,7 +47,7 @@ def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, lege
         cx, cy = (corners[:, 1] - half) * cell_mm, (half - corners[:, 0]) * cell_mm
         arms = np.array([(leg_mm, 0.0), (0.0, leg_mm), (-leg_mm, 0.0), (0.0, -leg_mm)])
         image = shapely.difference(image, shapely.union_all(shapely.polygons(np.stack([cx, cy], axis=1)[:, None] + arms)))
-    # normalised: the order of parts and of their first vertices does not depend on how GEOS united the cells
+    # normalised, so that the order of parts and their first vertices do not depend on how GEOS united the cells
     parts = shapely.get_parts(shapely.normalize(image))
     return Ink(areas_mm=tuple(area for part in parts for area in _without_holes(part, cell_mm / 10)))
 
@@ -59,13 +59,13 @@ def _corner_contacts(inked: BoolArray) -> np.ndarray:
 
 
 def _without_holes(polygon: shapely.Polygon, overlap_mm: float) -> list[FloatArray]:
-    """Cut a polygon across its first hole until no piece has one; pieces overlap along each cut by twice `overlap_mm`,
-    so that no hairline opens between them.
+    """Cut a polygon through its holes until no piece has one; pieces overlap by twice `overlap_mm` along each cut, so that no
+    hairline opens between them.
     """
     if not polygon.interiors:
         return [np.array(polygon.exterior.coords)[:-1]]
     x_low, y_low, x_high, y_high = polygon.bounds
-    # a cut through the middle of a hole makes a notch of it in each piece: a piece has one hole less, so the recursion ends
+    # a cut through the middle of a hole turns it into a notch of each piece: pieces have fewer holes, so the recursion ends
     cut = polygon.interiors[0].centroid.y
     pieces: list[FloatArray] = []
     for low, high in ((y_low - 1.0, cut + overlap_mm), (cut - overlap_mm, y_high + 1.0)):

@@ -1,4 +1,4 @@
-"""How many columns and rows of tapes a panel has: the arrangements that fab and assembly accept."""
+"""Arrangements of a panel, as columns and rows of tapes, that fab and assembly accept."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def within(size_mm: Size, fab: FabProfile) -> bool:
 def arrangements(tape_mm: Size, fab: FabProfile) -> list[tuple[int, int]]:
     """Every arrangement that fab and assembly accept: the fewest tapes first, then the smallest area, then the squarest."""
     longest = fab.largest_panel_mm[0]
-    # rails and gaps not counted: an upper bound, and `within` decides
+    # an upper bound without rails and gaps; `within` decides
     columns, rows = (min(MOST_ALONG, int(longest // side)) for side in tape_mm)
     sizes = {
         (c, r): panel_size_mm(tape_mm, (c, r), fab.panel.rail_mm, fab.panel.gap_mm)
@@ -66,7 +66,7 @@ def _takes(fab: FabProfile) -> str:
 
 
 def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile, named: int | None) -> Problem | None:
-    """Problems of a panel of so many columns and rows of tapes at this fab; ``named`` is the number of sectors, if given."""
+    """The problem of an arrangement at this fab, or None; ``named`` is the number of sectors, if given."""
     size = panel_size_mm(tape_mm, arrangement, fab.panel.rail_mm, fab.panel.gap_mm)
     if within(size, fab):
         return None
@@ -79,6 +79,6 @@ def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabPro
 
 
 def nearest_arrangement(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile) -> tuple[int, int] | None:
-    """The arrangement that fab and assembly accept whose number of tapes is nearest to another's; None if there is none."""
+    """The accepted arrangement whose number of tapes is nearest to that of `arrangement`; None if there is none."""
     count = arrangement[0] * arrangement[1]
     return min(arrangements(tape_mm, fab), key=lambda p: abs(p[0] * p[1] - count), default=None)

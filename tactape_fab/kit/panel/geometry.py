@@ -1,7 +1,7 @@
 """Panel: tapes within rails, held by tabs, with fiducials and tooling holes for assembly.
 
-Frame: x right, y up from the panel's lower left corner, mm. A slot of the gap's width surrounds every tape, interrupted by tabs.
-Tapes of one size are in columns and rows and share slots; packed ones, of any size and turned, each in a frame of its own.
+Frame: x right, y up from the panel's lower left corner, mm. A slot of width gap surrounds every tape, interrupted by tabs. Tapes
+of one size are in columns and rows and share slots; packed tapes, of any size and orientation, have slots of their own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tactape_fab.texture.shapes import board_outline
 CORNER_RADIUS_MM = 1.0
 _RADIUS = "corner_radius_mm"
 MOST_PLACES = 1000
-"""Tapes on a packed panel."""
+"""Most tapes of a packed panel."""
 
 Size = tuple[float, float]
 
@@ -29,8 +29,8 @@ Size = tuple[float, float]
 class Place:
     """A tape's place on a panel: p_panel = offset_mm + R_ccw(90 degrees if turned, else 0) p_board.
 
-    ``size_mm`` and ``radius_mm`` are of its outline as a board; ``tabs_x`` and ``tabs_y`` count the tabs on each left and right,
-    and on each lower and upper side of it as it lies.
+    ``size_mm`` and ``radius_mm`` are those of its board; ``tabs_x`` is the number of tabs on its left and on its right side,
+    ``tabs_y`` on its lower and on its upper side, as it is placed.
     """
 
     size_mm: Size
@@ -46,18 +46,18 @@ class Place:
 
     @property
     def extent_mm(self) -> Size:
-        """Width and height as it lies."""
+        """Width and height as placed."""
         return (self.size_mm[1], self.size_mm[0]) if self.turned else self.size_mm
 
     @property
     def low_mm(self) -> Offset:
-        """Its lower left corner as it lies."""
-        # turned about the board's origin it extends to the left of its
-        # offset by its height: [0, w] x [0, h] becomes [-h, 0] x [0, w]
+        """Its lower left corner as placed."""
+        # turned about the board's origin it extends by its height to the
+        # left of its offset: [0, w] x [0, h] becomes [-h, 0] x [0, w]
         return (float(snap_mm(self.offset_mm[0] - self.size_mm[1])), self.offset_mm[1]) if self.turned else self.offset_mm
 
     def on_panel_mm(self, xy_mm: FloatArray) -> tuple[float, float]:
-        """Where a point of the board lies on the panel."""
+        """A point of the board in the panel's frame."""
         x, y = (-xy_mm[1], xy_mm[0]) if self.turned else xy_mm
         return float(snap_mm(x + self.offset_mm[0])), float(snap_mm(y + self.offset_mm[1]))
 
@@ -71,10 +71,10 @@ class Place:
 class Panel:
     """Geometry of a panel.
 
-    grid: Columns and rows of equal tapes that share the slots between them; None if every tape lies in a frame of its own.
-    rail_mm, gap_mm, tab_mm: Widths of the rails, of the slot round every tape, and of a tab.
+    grid: Columns and rows of equal tapes that share the slots between them; None if every tape has slots of its own.
+    rail_mm, gap_mm, tab_mm: Widths of the rails, of the slots around tapes, and of a tab.
     fiducials_mm (x, y)
-    fiducial_mm, fiducial_opening_mm: Diameters of their copper and of its opening.
+    fiducial_mm, fiducial_opening_mm: Diameters of their copper and of its mask opening.
     tooling_holes_mm (x, y, diameter)
     """
 
@@ -95,7 +95,7 @@ class Panel:
 
     @property
     def words(self) -> str:
-        """How many tapes it has, and how they lie."""
+        """Number and arrangement of the tapes as text."""
         if self.grid is not None:
             return f"{self.grid[0]} x {self.grid[1]} tapes"
         turned = sum(place.turned for place in self.places)
@@ -103,7 +103,7 @@ class Panel:
 
     @property
     def offsets_mm(self) -> tuple[Offset, ...]:
-        """Place of every tape's board origin; of a grid in reading order, the upper left tape first."""
+        """Place of every tape's board origin; for a grid in reading order, from the upper left tape on."""
         return tuple(place.offset_mm for place in self.places)
 
     @property
@@ -112,8 +112,8 @@ class Panel:
 
     @property
     def key(self) -> str:
-        """A text that differs from that of every other panel."""
-        # a grid's size follows from its other values; a panel of packed tapes may be larger than they need
+        """A text that is different for every panel."""
+        # a grid's size follows from its other values; a packed panel may be larger than its tapes need
         own = {key: value for key, value in self.to_mapping().items() if self.grid is None or key not in ("size_mm", _RADIUS)}
         return f"Panel({', '.join(f'{key}={value!r}' for key, value in own.items())})"
 
@@ -143,7 +143,7 @@ def grid_places(
             tabs_x=tabs[0],
             tabs_y=tabs[1],
         )
-        # reading order: the upper row first, while offsets count from below
+        # reading order starts with the upper row, while offsets count from below
         for r in reversed(range(grid[1]))
         for c in range(grid[0])
     )
@@ -183,7 +183,7 @@ def _read_points(table: Fields, key: str, count: int) -> tuple[Any, ...]:
 
 
 def _read_packed(table: Fields) -> dict[str, Any]:
-    """Size and places of a panel whose tapes have frames of their own."""
+    """Size and places of a packed panel."""
     entries = [
         Fields(row if isinstance(row, Mapping) else {}, f"{table.where}places[{i}].", table.problems)
         for i, row in enumerate(table.rows("places", longest=MOST_PLACES))

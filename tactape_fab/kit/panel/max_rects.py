@@ -1,7 +1,7 @@
-"""Packing of rectangles into sheets, one after the other, each in a maximal free rectangle.
+"""Packing of rectangles into sheets, one after the other, each into a maximal free rectangle.
 
 MAXRECTS of J. Jylänki, "A Thousand Ways to Pack the Bin" (2010), section 4: all free rectangles not contained in another are
-kept; a rectangle is put into the lower left corner of one of them, and all that it overlaps are split.
+kept; a rectangle is placed in the lower left corner of one of them, and every free rectangle that it overlaps is split.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from tactape_fab.texture.frames import IntArray
 
 Rule = Callable[[IntArray, int, int], IntArray]
-"""Function of free rectangles (k, 4), and a width and height that fit them; returns a cost of each, least is best."""
+"""Function of free rectangles (k, 4) and of a width and height that fit in them; returns a cost of each, the least is best."""
 
 _X0, _Y0, _X1, _Y1 = range(4)
 
@@ -71,14 +71,14 @@ def _without(free: IntArray, taken: IntArray) -> IntArray:
     # open intervals: rectangles that only touch do not overlap
     overlaps = (free[:, :2] < taken[2:]).all(axis=1) & (taken[:2] < free[:, 2:]).all(axis=1)
     pieces = [free[~overlaps]]
-    # the four pieces reach across the whole free rectangle, and overlap
-    # each other in its corners: maximal ones are kept, not a partition
+    # the four pieces extend across the whole free rectangle and overlap
+    # at its corners: maximal rectangles are kept, not a partition
     for side, edge in ((_X1, taken[_X0]), (_X0, taken[_X1]), (_Y0, taken[_Y1]), (_Y1, taken[_Y0])):
         piece = free[overlaps]
         piece[:, side] = edge
-        # a piece of no width or height is none
+        # pieces of no width or height are dropped
         pieces.append(piece[(piece[:, :2] < piece[:, 2:]).all(axis=1)])
-    # equal rectangles hold each other: without np.unique both would go
+    # equal rectangles contain each other: without np.unique both would be dropped
     rest = np.unique(np.concatenate(pieces), axis=0)
     low, high = rest[:, :2], rest[:, 2:]
     # rectangle i contains rectangle j, shape (k, k), summed over i

@@ -1,4 +1,4 @@
-"""Packing of tapes into sheets that a fab and an assembly line accept: rectangles only."""
+"""Packing of rectangular tapes into sheets that fab and assembly line accept."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, snap_mm
 
 FRAME_GAPS = 3
-"""Least distance of two packed tapes, in gaps: the slot of each, and between them a web of the panel as wide as a slot."""
+"""Least distance of two packed tapes, in gaps: the slots of both, and between them a web as wide as a slot."""
 _WIDTHS = 24
-"""Widths of sheets that are tried for a panel's tapes."""
+"""Number of sheet widths that are tried for a panel's tapes."""
 _UNITS_PER_MM = 1_000_000
-"""Packing runs in whole nanometres: with floats, touching neighbours would count as overlapping."""
+"""Packing is done in whole nanometres: with floats, touching neighbours might count as overlapping."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +58,7 @@ class PackedPanel:
 
 
 def sheet_room_mm(fab: FabProfile) -> tuple[float, float]:
-    """Area for tapes on the largest panel of a fab, mm: without rails on all four sides and a gap along each."""
+    """Area for tapes on the largest panel of a fab, mm: the panel less the rails on all four sides and a gap along each."""
     border_mm = 2 * (fab.panel.rail_mm + fab.panel.gap_mm)
     width_mm, height_mm = (side_mm - border_mm for side_mm in fab.largest_panel_mm)
     return width_mm, height_mm
@@ -79,7 +79,7 @@ def misfit(size_mm: tuple[float, float], fab: FabProfile) -> Problem | None:
 
 
 def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float], gap_mm: float) -> Packing:
-    """Pack tapes into the fewest sheets that several heuristics find; among equals the one with the emptiest last sheet.
+    """Pack tapes into the fewest sheets that several heuristics find; ties go to the packing with the emptiest last sheet.
 
     Tapes may be rotated by 90 degrees. Tapes of one size keep the given order: by sheet, from the top row down, left to right.
 
@@ -95,7 +95,7 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
         raise SpecError(
             f"a tape does not fit a sheet of {sheet_mm[0]:g} x {sheet_mm[1]:g} mm; use smaller tapes or larger sheets"
         )
-    # tapes a gap apart in a sheet s are tapes wider by the gap, without gaps, in a sheet s + gap
+    # tapes a gap apart in a sheet of side s are equivalent to touching tapes wider by the gap in a sheet of side s + gap
     sides = _whole(sizes + gap_mm)
     width, height = (int(side) for side in _whole(np.asarray(sheet_mm) + gap_mm))
     found = [
@@ -111,7 +111,7 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
 
 
 def pack_panels(outlines: Sequence[tuple[tuple[float, float], float]], fab: FabProfile) -> tuple[Packing, list[PackedPanel]]:
-    """Pack tapes into panels of a fab, each no larger than it needs and than assembly asks for.
+    """Pack tapes into panels of a fab, each as small as its tapes and the assembly line allow.
 
     outlines (size, radius): Outlines of the tapes as boards, mm.
     Raises SpecError if there is no tape, one fits no sheet, or a panel has no room for its tabs or marks.
@@ -122,7 +122,7 @@ def pack_panels(outlines: Sequence[tuple[tuple[float, float], float]], fab: FabP
         tapes = np.flatnonzero(packing.sheet == sheet)
         own = _tightest([(float(w), float(h)) for w, h in packing.sizes_mm[tapes]], fab)
         x, y = own.xy_mm.T
-        order = np.lexsort((x, -y, own.turned))  # an unturned one first: the drawing enlarges its parts
+        order = np.lexsort((x, -y, own.turned))  # an unturned tape first, as the fab drawing enlarges its parts
         places = [
             ((float(snap_mm(px)), float(snap_mm(py))), bool(own.turned[i]))
             for i, (px, py) in zip(
@@ -136,7 +136,7 @@ def pack_panels(outlines: Sequence[tuple[tuple[float, float], float]], fab: FabP
 
 
 def _panel_mm(packing: Packing, fab: FabProfile) -> tuple[float, float]:
-    """Outline of a panel that holds what lies on a sheet, and is as large as assembly asks for."""
+    """Outline of the smallest panel that holds a sheet's tapes and that assembly accepts."""
     extents = np.where(packing.turned[:, None], packing.sizes_mm[:, ::-1], packing.sizes_mm)
     far = (packing.xy_mm + extents).max(axis=0) + 2 * (fab.panel.rail_mm + fab.panel.gap_mm)
     longer, shorter = fab.panel.smallest_mm
@@ -146,16 +146,16 @@ def _panel_mm(packing: Packing, fab: FabProfile) -> tuple[float, float]:
 
 
 def _tightest(sizes_mm: Sequence[tuple[float, float]], fab: FabProfile) -> Packing:
-    """Of packings of one sheet's tapes into sheets of several widths the one with the smallest panel, then the squarest."""
+    """Repack one sheet's tapes into sheets of several widths; the packing with the smallest, then the squarest panel."""
     room_mm, gap_mm = sheet_room_mm(fab), FRAME_GAPS * fab.panel.gap_mm
-    # no sheet narrower than the largest of the shorter sides holds every tape, and none may be wider than the room
+    # a sheet must be at least as wide as the largest of the shorter sides, and at most as wide as the room
     low, high = min(max(min(size) for size in sizes_mm), room_mm[0]), max(max(size) for size in sizes_mm)
     tried = [pack(sizes_mm, room_mm, gap_mm)]
-    # a tape longer than the room is high has to fit across
+    # a tape longer than the room's height has to fit across
     for width_mm in np.linspace(low, room_mm[0], _WIDTHS).tolist():
         if high <= max(width_mm, room_mm[1]):
             tried.append(pack(sizes_mm, (width_mm, room_mm[1]), gap_mm))
-    # the order and rule that filled this sheet in `pack_panels` fill it again, so the first try has one sheet at least
+    # the order and rule by which `pack_panels` filled this sheet fill it again, so at least one try needs one sheet only
     sizes = {k: _panel_mm(packing, fab) for k, packing in enumerate(tried) if packing.sheets == 1}
     return tried[min(sizes, key=lambda k: (round(sizes[k][0] * sizes[k][1], 3), max(sizes[k])))]
 
@@ -172,14 +172,14 @@ def _orders(sides: IntArray) -> list[list[int]]:
 
 
 def _cost(places: IntArray, sides: IntArray) -> tuple[int, int, int]:
-    """Cost of a packing: number of sheets, area on the emptiest of them, number of rotated tapes."""
-    # nm^2 in float64 have sixteen digits, and the sum only orders packings
+    """Cost of a packing: number of sheets, tape area on the emptiest of them, number of rotated tapes."""
+    # float64 has sixteen digits, enough for nm^2, as the sums are only compared
     area = np.bincount(places[:, 0], weights=sides.prod(axis=1).astype(np.float64))
     return len(area), int(area.min()), int(places[:, 3].sum())
 
 
 def _in_order(places: IntArray, sizes_mm: FloatArray) -> IntArray:
-    """The same places, fullest sheet first, assigned to tapes of one size in the given order."""
+    """The same places, fullest sheet first, with tapes of one size assigned in the given order."""
     area = np.bincount(places[:, 0], weights=sizes_mm.prod(axis=1)).round(6)
     rank = np.empty(len(area), dtype=np.int64)
     # stable: sheets of equal area keep their order, so that the same list gives the same panels

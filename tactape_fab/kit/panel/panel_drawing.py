@@ -17,7 +17,7 @@ from tactape_fab.texture.frames import FloatArray, snap_mm, to_nm
 from tactape_fab.texture.shapes import board_outline
 
 _ARC_QUARTER = 16
-"""Number of lines in a quarter of a slot's round end."""
+"""Number of chords per quarter circle of a slot's round end."""
 
 
 def tab_middles_mm(panel: Panel) -> tuple[FloatArray, FloatArray]:
@@ -26,12 +26,12 @@ def tab_middles_mm(panel: Panel) -> tuple[FloatArray, FloatArray]:
     for place in panel.places:
         (x, y), (width, height), half = place.low_mm, place.extent_mm, panel.gap_mm / 2
         for upright, count, side, along in ((True, place.tabs_x, height, y), (False, place.tabs_y, width, x)):
-            # count tabs in the middles of count equal parts of the side
+            # each of `count` tabs is in the middle of one of `count` equal parts of the side
             steps = along + side * (np.arange(count) + 0.5) / max(count, 1)
             # half a gap outside the tape: the middle of the slot
             ends = (x - half, x + width + half) if upright else (y - half, y + height + half)
             for middle in [(end, step) if upright else (step, end) for end in ends for step in steps.tolist()]:
-                # compared in whole nanometres: the middle of a shared slot comes from two tapes by two sums
+                # compared in whole nanometres, as two tapes give the middle of a shared slot with different rounding
                 a, b = to_nm(np.array(middle)).tolist()
                 found[upright].setdefault((a, b), middle)  # neighbours in a grid share their tabs
     upright_mm, level_mm = (np.array([*found[way].values()]).reshape(-1, 2) for way in (True, False))
@@ -39,7 +39,7 @@ def tab_middles_mm(panel: Panel) -> tuple[FloatArray, FloatArray]:
 
 
 def _cut_area(panel: Panel) -> Any:
-    """Area of slots and tapes: all within the rails of a grid, a frame round each packed tape."""
+    """Union of slots and tapes: everything within the rails of a grid, or each packed tape with the slot around it."""
     frames = [((panel.rail_mm,) * 2, tuple(side - 2 * panel.rail_mm for side in panel.size_mm))]
     if panel.grid is None:
         gap_mm = panel.gap_mm
@@ -47,17 +47,17 @@ def _cut_area(panel: Panel) -> Any:
             ((place.low_mm[0] - gap_mm, place.low_mm[1] - gap_mm), tuple(side + 2 * gap_mm for side in place.extent_mm))
             for place in panel.places
         ]
-    # corners of half the gap: what a cutter as wide as the slot leaves
+    # outer corners have a radius of half the gap, as a router bit as wide as the slot leaves them
     return shapely.union_all([shapely.Polygon(board_outline((w, h), panel.gap_mm / 2) + low) for low, (w, h) in frames])
 
 
 def _tab(middle: FloatArray, panel: Panel, *, upright: bool) -> Any:
     """Outline of a tab across a slot; its sides are the round ends of the slot."""
-    # the discs stand tab + gap apart, and each takes half a gap from either side of the tab: tab_mm is left where it is narrowest
+    # the discs are tab + gap apart, and each takes half a gap from its side of the tab, whose narrowest width is then tab_mm
     along_mm, half_gap = (panel.tab_mm + panel.gap_mm) / 2, panel.gap_mm / 2
     along = np.array([0.0, 1.0]) if upright else np.array([1.0, 0.0])
-    # across the slot the box is twice as wide as it: no sliver of the
-    # slot is left beside the tab, and the rest lies in tape and rail
+    # across the slot the box is twice as wide as the slot, so that no sliver
+    # of it is left beside the tab; the rest overlaps tape and rail
     half = along_mm * along + 2 * half_gap * along[::-1]
     ends = [shapely.Point(middle + side * along_mm * along).buffer(half_gap, quad_segs=_ARC_QUARTER) for side in (-1, 1)]
     return shapely.difference(shapely.box(*(middle - half), *(middle + half)), shapely.union_all(ends))
@@ -73,17 +73,17 @@ def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
     upright, level = tab_middles_mm(panel)
     tabs = [*(_tab(m, panel, upright=True) for m in upright), *(_tab(m, panel, upright=False) for m in level)]
     pieces = shapely.get_parts(shapely.difference(inner, shapely.union_all([*tapes, *tabs])))
-    # a slot that closes round a tape is a ring, and nothing holds what is inside
+    # a slot that is a closed ring holds nothing inside
     if any(len(piece.interiors) for piece in pieces):
         raise SpecError(Problem("tabs", "tabs hold no tape to the rails; use --tabs xy"))
     outlines = [_distinct(snap_mm(np.array(orient(piece).exterior.coords)[:-1])) for piece in pieces]
-    # from the lowest, then leftmost vertex on: GEOS may begin a ring anywhere, and the files must be the same bytes
+    # rings start at the lowest, then leftmost vertex: GEOS may start anywhere, and files must be reproducible
     turned = [np.roll(outline, -int(np.lexsort(outline.T)[0]), axis=0) for outline in outlines]
     return tuple(sorted(turned, key=lambda outline: (outline[0, 1], outline[0, 0])))
 
 
 def _distinct(outline: FloatArray) -> FloatArray:
-    """A closed outline without points that snapping laid on the one before, which would be lines of no length."""
+    """A closed outline without consecutive points that snapping made equal."""
     return np.asarray(outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)])
 
 

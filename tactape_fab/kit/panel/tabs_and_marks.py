@@ -1,4 +1,4 @@
-"""A panel decided: its tabs, and the fiducials and tooling holes in its rails."""
+"""Planning of a panel: its tabs, and the fiducials and tooling holes in its rails."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tactape_fab.texture.frames import snap_mm
 
 _MARK_APART_MM = 1.5
 _CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
-# opposite corners first: two tooling holes are then as far apart as the panel allows
+# opposite corners first, so that two tooling holes are as far apart as possible
 _HOLE_CORNERS = ((0, 0), (1, 1), (1, 0), (0, 1))
 
 
 def plan_panel(tape_mm: Size, tape_radius_mm: float, arrangement: tuple[int, int], tabs: str, fab: FabProfile) -> Panel:
-    """Decide a panel.
+    """Plan a panel of equal tapes in columns and rows.
 
     tabs: Sides of a tape with tabs: ``x`` left and right, ``y`` lower and upper, ``xy`` all, ``auto`` those with enough space.
     Raises SpecError if there is not enough space for the tabs, or for the marks in the rails.
@@ -36,16 +36,16 @@ def plan_panel(tape_mm: Size, tape_radius_mm: float, arrangement: tuple[int, int
 def plan_packed(
     size_mm: Size, tapes: Sequence[tuple[Size, float]], offsets: Sequence[tuple[Offset, bool]], fab: FabProfile
 ) -> Panel:
-    """A panel with every tape in a frame of its own.
+    """Plan a panel of packed tapes, each with slots of its own.
 
     tapes (size, radius): Outlines of the tapes as boards.
-    offsets (offset, turned): Their places, see `Place`, two gaps and a web apart: see `packing`.
+    offsets (offset, turned): Their places, see `Place`, at least `FRAME_GAPS` gaps apart.
     Raises SpecError if there is not enough space for the tabs, or for the marks in the rails.
     """
     places = []
     for (tape_mm, radius_mm), (offset_mm, turned) in zip(tapes, offsets, strict=True):
         along = [_tabs_along(side_mm, radius_mm, fab) for side_mm in tape_mm]
-        # tabs_y is on the lower and upper side as the tape lies: of a turned one these are the board's left and right sides
+        # tabs_y is on the lower and upper side as placed, which are the board's left and right sides if the tape is turned
         tabs_y, tabs_x = (along[1], along[0]) if turned else (along[0], along[1])
         places.append(
             Place(size_mm=tape_mm, radius_mm=radius_mm, offset_mm=offset_mm, turned=turned, tabs_x=tabs_x, tabs_y=tabs_y)
@@ -58,7 +58,7 @@ def _checked(size_mm: Size, places: tuple[Place, ...], grid: tuple[int, int] | N
     rules = fab.panel
     problems = [
         problem
-        # tapes of one size and rotation have the same problems: each is told once
+        # tapes of one size and rotation have the same problems, which are reported once
         for place in dict.fromkeys(replace(p, offset_mm=(0.0, 0.0)) for p in places)
         for problem in _tab_problems(place, tabs, fab)
     ]
@@ -79,14 +79,14 @@ def _checked(size_mm: Size, places: tuple[Place, ...], grid: tuple[int, int] | N
 
 
 def _least_side_mm(radius_mm: float, count: int, tab_mm: float, gap_mm: float) -> float:
-    """Length of the shortest side that holds so many evenly spaced tabs with the round ends of their slots, clear of corners."""
-    # n tabs stand in the middles of n parts, the first side / (2 n) from the corner: that has to hold corner radius, half the tab
-    # and the round end of a slot, (2 r + tab + gap) / 2
+    """Length of the shortest side with room for `count` evenly spaced tabs and the round ends of slots between its corners."""
+    # n tabs are in the middles of n equal parts, the first at side / (2 n) from the corner, which has to be at least corner
+    # radius, half a tab and the round end of a slot: (2 r + tab + gap) / 2
     return count * (2 * radius_mm + tab_mm + gap_mm)
 
 
 def _tabs_along(side_mm: float, radius_mm: float, fab: FabProfile) -> int:
-    """Number of tabs of a side, spaced within the profile's limit if there is space; 0 without space."""
+    """Number of tabs of a side, no farther apart than the profile's limit if there is room; 0 without room for any."""
     rules = fab.panel
     # 1e-9: a side of exactly n pitches has n tabs
     wanted = ceil(side_mm / rules.tab_pitch_mm - 1e-9)
@@ -120,13 +120,13 @@ def _tab_problems(place: Place, tabs: str, fab: FabProfile) -> Iterator[Problem]
 def _first_mark_mm(fab: FabProfile) -> float:
     """Distance of a fiducial from the panel's side, past the tooling hole of the corner."""
     rules = fab.panel
-    # centre of the hole, its radius, the space between, and the radius of the fiducial's opening
+    # the hole's centre, its radius, the space between, and the radius of the fiducial's opening
     return rules.rail_mm / 2 + (rules.tooling_hole_mm + rules.fiducial_opening_mm) / 2 + _MARK_APART_MM
 
 
 def _mark_problems(size_mm: Size, fab: FabProfile) -> Iterator[Problem]:
     rules = fab.panel
-    # each of the two marks of a rail in its own half, the shifted one too
+    # each of the two marks of a rail, also the shifted one, has to be in its half of the rail
     needed_mm = 2 * (_first_mark_mm(fab) + rules.fiducial_shift_mm + rules.fiducial_opening_mm / 2)
     if rules.fiducials and size_mm[0] < needed_mm:
         message = (
@@ -137,7 +137,7 @@ def _mark_problems(size_mm: Size, fab: FabProfile) -> Iterator[Problem]:
 
 
 def _fiducials(size_mm: Size, fab: FabProfile) -> tuple[Offset, ...]:
-    """One in each corner's rail; the last is shifted, so that a rotated panel is recognised."""
+    """A fiducial in each corner; the last is shifted, so that a rotated panel is recognised."""
     corners = _CORNERS[: fab.panel.fiducials]
     first, middle = _first_mark_mm(fab), fab.panel.rail_mm / 2
     marks = []

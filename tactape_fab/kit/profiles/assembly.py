@@ -1,6 +1,6 @@
 """Assembly houses: columns of their bills of materials (BOM), and formats of their part numbers.
 
-Their pick-and-place lists are described in `texture.cpl`: the robot's half reads them, too.
+Their pick-and-place lists are described in `texture.cpl`, as the robot's half reads them as well.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class BomTable(Table):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssemblyFormat:
-    """A house's bill of materials, and its format of part numbers: a pattern and its description."""
+    """A house's bill of materials, and the pattern of its part numbers with a description."""
 
     bom: BomTable
     number_pattern: str = PART_NUMBER_PATTERN

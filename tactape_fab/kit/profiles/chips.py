@@ -1,4 +1,4 @@
-"""Size codes of chip parts: 0201 in inches is 0603 in metric, and 0603 in inches is a part of nearly three times the size."""
+"""Size codes of chip parts: imperial 0201 is metric 0603, while imperial 0603 is a part of nearly three times the size."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ METRIC_SIZES_MM = {
 }
 """Nominal length and width (IEC 60115-8 and EIA names)."""
 
-# four to six digits that are no part of a longer number or a decimal, then perhaps the word
+# four to six digits that are not part of a longer or decimal number, optionally followed by "metric" or "M"
 _CODE = re.compile(r"(?<![0-9.])([0-9]{4,6})(?:[ _-]?(metric|M))?(?![0-9A-Z]|\.[0-9])", re.IGNORECASE)
 _TOLERANCE = 0.2
 
 
 def chip_code_problem(text: str, body_mm: Sequence[float]) -> str | None:
-    """Fault of the chip sizes in a text; None if each is the size of the body.
+    """The problem of the chip size codes in a text; None if each one matches the size of the body.
 
-    A code is in inches unless "metric" or "M" follows it. Numbers that are not size codes are ignored.
+    A code is imperial unless "metric" or "M" follows it. Numbers that are not size codes are ignored.
     """
     for code, metric in _CODE.findall(text):
         size_mm = (METRIC_SIZES_MM if metric else INCH_SIZES_MM).get(code)
@@ -49,5 +49,5 @@ def chip_code_problem(text: str, body_mm: Sequence[float]) -> str | None:
 
 
 def _fits(body_mm: Sequence[float], size_mm: Sequence[float]) -> bool:
-    # a fifth of the nominal size: 0603 in inches and in metric differ by a factor of 2.7
+    # within a fifth of the nominal size: imperial and metric 0603 differ by a factor of 2.7
     return all(abs(a - b) <= _TOLERANCE * b for a, b in zip(body_mm[:2], size_mm, strict=True))

@@ -1,4 +1,4 @@
-"""A fab profile from a returned coupon: limits that its tapes confirmed or moved, with source and date."""
+"""A new fab profile from a returned coupon, with the limits that its tapes confirmed or moved, their source and date."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tactape_fab.base.plain_text import toml_string
 from tactape_fab.kit.profiles.fabs import FabProfile, load_fab
 
 CONFIRMABLE = ("opening-bridge", "opening-size", "opening-expansion", "pad-pad", "body-body", "courtyard")
-"""Limits that a tape which came back whole confirms, where it was no wider than the limit."""
+"""Limits that a tape which came back whole confirms if its gap was no wider than the limit."""
 TESTS = ("opening-bridge", "anchor-spur", "anchor-mesh", "gang")
 _MET_MM = 0.0005
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """A tape of a coupon: what it tests, at which value (None for anchors and one window), and the gaps it has, mm."""
+    """A tape of a coupon: the rule that it tests, the value (None for anchors and one window), and its measured gaps, mm."""
 
     sector: int
     tests: str
@@ -34,7 +34,7 @@ class Trial:
 
 
 def read_trials(content: Mapping[str, Any]) -> tuple[str, tuple[Trial, ...]]:
-    """Fab profile and trials of a coupon, from its panel's manifest. Raises SpecError if it is no coupon, or cannot be read."""
+    """Fab profile and trials of a coupon, from its panel's manifest. Raises SpecError if it is not a valid one of a coupon."""
     if not isinstance(content.get("coupon"), Mapping):
         raise SpecError(Problem("coupon", "COUPON is no coupon; give the folder that tactape-fab coupon wrote"))
     table = Fields(content).table("coupon", ("fab", "trials"))
@@ -58,7 +58,7 @@ def read_trials(content: Mapping[str, Any]) -> tuple[str, tuple[Trial, ...]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Confirmed:
-    """A profile's text, and what it says in words."""
+    """The text of a profile, and a summary of its changes."""
 
     text: str
     lines: tuple[str, ...]
@@ -67,11 +67,11 @@ class Confirmed:
 def confirm(
     fab_name: str, trials: Sequence[Trial], held: Collection[int], failed: Collection[int], *, date: str, source: str, place: Path
 ) -> Confirmed:
-    """The profile of a coupon's fab with what its tapes showed.
+    """A profile that extends that of the coupon's fab with the results of the coupon's tapes.
 
-    held, failed: Sectors of the tapes that came back whole, and of those that did not; others are not judged.
-    date, source: When, and which coupon.
-    place: File of the new profile.
+    held, failed: Sectors of the tapes that came back whole, and of those that did not; all others are ignored.
+    date, source: Date, and description of the coupon.
+    place: Path of the new profile.
     Raises SpecError if a sector is not the coupon's or is given twice, a narrower bridge held where a wider one failed, or
         nothing held.
     """
@@ -93,7 +93,7 @@ def confirm(
         problems.append(Problem("held", "--held: no way to open the coverlay came back whole; ask another fab"))
     refuse(problems)
     origin = f"source = {toml_string(source)}\ndate = {toml_string(date)}\nconfirmed = true\n"
-    # a path in a profile counts from the profile's own folder
+    # a path in a profile is relative to the profile's folder
     extends = os.path.relpath(fab_name, place.parent) if fab_name.endswith(".toml") else fab_name
     tables = [
         f"name = {toml_string(place.stem)}\nextends = {toml_string(extends)}\ntitle = {toml_string(fab.title + ', confirmed')}\n"
@@ -115,7 +115,7 @@ def confirm(
 
 
 def _fab_of(name: str) -> FabProfile:
-    """The fab profile of a coupon, whose path is that of the folder in which the coupon was made."""
+    """The fab profile of a coupon; a path is relative to the folder in which the coupon was made."""
     if name.endswith(".toml") and not os.path.lexists(name):
         message = (
             f"COUPON is of the fab profile {shown_path(Path(name))}, which is not there; run profiles confirm in the folder "
@@ -125,7 +125,7 @@ def _fab_of(name: str) -> FabProfile:
 
 
 def _contradictions(whole: Sequence[Trial], broken: Sequence[Trial]) -> Iterator[Problem]:
-    """A bridge that held although a wider one failed: one of the two is misjudged, or the fab is not steady."""
+    """Problems of bridges that held although a wider one failed: one was misjudged, or the fab is not consistent."""
     bridges = [[t for t in of if t.tests == "opening-bridge" and t.value_mm is not None] for of in (whole, broken)]
     for good in bridges[0]:
         for bad in bridges[1]:
@@ -138,10 +138,10 @@ def _contradictions(whole: Sequence[Trial], broken: Sequence[Trial]) -> Iterator
 
 
 def _modes(fab: FabProfile, whole: Sequence[Trial], broken: Sequence[Trial]) -> list[str]:
-    """Ways to open the coverlay that did not fail altogether."""
+    """Coverlay modes of which at least one tape held, or none was tested."""
     kept = []
     for mode in fab.coverlay_modes:
-        # of anchors nothing is learnt about the way: they may fail for their own reason
+        # anchors may fail for reasons of their own, so they say nothing about the mode
         bridges = [t for t in (*whole, *broken) if t.coverlay == mode and t.tests in ("opening-bridge", "gang")]
         if not bridges or any(t in whole for t in bridges):
             kept.append(str(mode))
@@ -149,13 +149,13 @@ def _modes(fab: FabProfile, whole: Sequence[Trial], broken: Sequence[Trial]) -> 
 
 
 def _limits(fab: FabProfile, whole: Sequence[Trial]) -> Iterator[tuple[str, float]]:
-    """Limits that a whole tape was no wider than, at the narrowest that came back whole; 0 where courtyards overlap."""
+    """New values of limits: the narrowest gap that came back whole, if no wider than the limit; 0 if courtyards overlap."""
     for rule in CONFIRMABLE:
         values = [
             t.measured_mm[rule]
             for t in whole
             if rule in t.measured_mm and not (rule == "opening-bridge" and t.coverlay == "gang")
         ]
-        # a gap wider than the limit proves nothing about the limit
+        # a gap wider than the limit does not test it
         if values and min(values) <= fab.limits[rule].value_mm + _MET_MM:
             yield rule, max(round(min(values), 3), 0.0)

@@ -10,7 +10,7 @@ from tactape_fab.kit.profiles.limits import Origin
 
 
 def explain_fab(fab: FabProfile) -> dict[str, Any]:
-    """Content of a profile as JSON-compatible data.
+    """A profile as JSON-compatible data.
 
     Returns: ``thresholds`` is a list of mappings with id, value, unit, level, source, date and confirmed.
     """

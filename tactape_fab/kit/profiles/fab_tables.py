@@ -1,4 +1,4 @@
-"""Tables of a fab profile other than its limits: mask, anchors, backings, stencil, bending, parts and panels."""
+"""Tables of a fab profile other than its limits: coverlay, anchors, backings, stencil, bending, parts and panels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BACKING = r"[A-Za-z0-9]{1,20} \d{1,2}(\.\d{1,3})?"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorRules:
-    """Anchors under the coverlay: width, clearance from other parts' openings, and overlap, mm."""
+    """Anchors under the coverlay: line width, clearance from other parts' openings, and overlap with the coverlay, mm."""
 
     web_mm: float
     opening_mm: float
@@ -27,7 +27,7 @@ class AnchorRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backing:
-    """Backings for the underside: ``choices`` such as ``"FR4 0.2"``, material and thickness in mm."""
+    """Stiffeners or adhesives on offer: ``choices`` such as ``"FR4 0.2"``, material and thickness in mm."""
 
     choices: tuple[str, ...]
     origin: Origin
@@ -35,7 +35,7 @@ class Backing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StencilRules:
-    """Thickness of the stencil, and the least ratio of an aperture's area to that of its walls."""
+    """Thickness of the stencil, and the least area ratio of an aperture (its area over that of its walls)."""
 
     thickness_mm: float
     least_ratio: float
@@ -52,7 +52,7 @@ class BendRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartsLimit:
-    """Limits accepted without a question: number of parts, and length of the smallest chip that the line is known to place."""
+    """Limits up to which the fab need not be asked: number of parts, and length of the smallest chip that the line places."""
 
     most: int
     smallest_mm: float
@@ -86,7 +86,7 @@ class PanelRules:
 
 
 def material_words(backing: str) -> str:
-    """A backing as text for file names: ``FR4_0.2mm`` for ``FR4 0.2``."""
+    """A backing as text for file names, such as ``FR4_0.2mm`` for ``FR4 0.2``."""
     return f"{backing.replace(' ', '_')}mm"
 
 
@@ -135,7 +135,7 @@ def read_stencil(profile: Fields) -> StencilRules:
 
 
 def read_bend(profile: Fields) -> BendRules | None:
-    """None for a rigid board, whose profile has no such table, or ``bend = "none"`` in place of an inherited one."""
+    """None for a rigid board: its profile has no such table, or replaces an inherited one by ``bend = "none"``."""
     if profile.values.get("bend", "none") == "none":
         return None
     table = profile.table("bend", ("least_thicknesses", *ORIGIN_KEYS))
@@ -179,7 +179,7 @@ def read_panel(profile: Fields) -> PanelRules:
         **{key: table.integer(key, low=0, high=PANEL_MARKS) for key in counts},
         origin=read_origin(table),
     )
-    # marks lie in the middle of a rail: half a millimetre of board stays on each side
+    # marks are in the middle of a rail, with at least half a millimetre of board on each side
     widest_mm = max(rules.fiducial_opening_mm * bool(rules.fiducials), rules.tooling_hole_mm * bool(rules.tooling_holes))
     if rules.fiducial_opening_mm < rules.fiducial_mm:
         table.problem(

@@ -1,4 +1,4 @@
-"""Fab profiles: limits of a fab and format of its files."""
+"""Fab profiles: limits of a fab, and format of its files."""
 
 from __future__ import annotations
 
@@ -72,17 +72,17 @@ GERBER_ROLES = (
     "job",
 )
 BACKING_ROLES = ("stiffener-bottom", "adhesive-bottom")
-"""Roles of layers laminated to the underside; their file names give the material."""
+"""Roles of layers laminated to the underside; their file names contain the material."""
 _TABLES = (
     *("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size"),
     *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel", "order"),
 )
 LEAST_LEGEND_MM = {"line_mm": 0.0, "text_mm": 0.1, "gap_mm": 0.0, "bleed_mm": 0.0, "edge_mm": 0.0}
-"""Least sizes of print: capitals of no height would have no end of lines in a strip."""
+"""Least values of the legend's sizes: with a text height of 0 a strip would hold infinitely many lines."""
 _LEGEND_KEYS = tuple(LEAST_LEGEND_MM)
 _COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
 _BEFORE = r"([A-Za-z0-9_-][A-Za-z0-9._-]{0,29})?"
-"""What may stand before {name} in the name of a file."""
+"""Optional prefix of {name} in the name of a file."""
 _FILE_NAME = r"(?:" + _BEFORE + r"\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|" + _BEFORE + r"\{name\}\.[A-Za-z0-9._-]{1,99}"
 _BACKING_NAME = r"(?:" + _BEFORE + r"\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}\{material\}[A-Za-z0-9._-]{0,99}"
 
@@ -100,8 +100,8 @@ class Material:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LegendSizes:
-    """``line_mm`` thinnest ink line, ``text_mm`` least capital height, ``gap_mm`` least gap between inked areas,
-    ``bleed_mm`` bleed of ink over an edge, ``edge_mm`` ink to outline.
+    """``line_mm`` thinnest ink line, ``text_mm`` least cap height, ``gap_mm`` least gap between inked areas,
+    ``bleed_mm`` bleed of ink over an edge, ``edge_mm`` least distance of ink from the outline.
     """
 
     line_mm: float
@@ -118,10 +118,10 @@ class LegendRules(LegendSizes):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FabProfile:
-    """Limits of a fab and format of its files.
+    """Limits of a fab, and format of its files.
 
     ``limits`` holds one `Limit` for each of LIMIT_IDS; ``file_names`` one name pattern per Gerber role.
-    ``coverlay_modes`` are the ways in which the fab opens the coverlay or mask, ``coverlay_mode`` the one in use.
+    ``coverlay_modes`` are the ways in which the fab opens the coverlay or solder mask, ``coverlay_mode`` the one in use.
     """
 
     name: str
@@ -149,24 +149,24 @@ class FabProfile:
     size: SizeLimit
 
     def file_path(self, role: str, tape_name: str, material: str = "") -> str:
-        """Path of a fabrication file relative to the kit's folder; `material` is the text of a backing's material."""
+        """Path of a fabrication file relative to the kit's folder; `material` is that of a backing, see `material_words`."""
         return f"gerber/{self.file_names[role].replace('{name}', tape_name).replace('{material}', material)}"
 
     @property
     def largest_panel_mm(self) -> tuple[float, float]:
-        """Longer and shorter side of the largest panel: it is the fab's board and the assembly line's, and both limits hold."""
+        """Longer and shorter side of the largest panel, within the fab's limit for boards and that of the assembly line."""
         (longer, shorter), board = self.panel.largest_mm, self.size.largest_mm
         return min(longer, board[0]), min(shorter, board[1])
 
     @property
     def mask_name(self) -> str:
-        """Material that covers the copper: a film with cut openings, or a photoimageable mask."""
+        """Name of the layer that covers the copper: a coverlay with cut openings, or a photoimageable solder mask."""
         return "solder mask" if "lpi" in self.coverlay_modes else "coverlay"
 
     def in_mode(self, mode: CoverlayMode) -> FabProfile:
-        """The profile with the coverlay opened in another way.
+        """The profile with another coverlay mode.
 
-        With one opening for all parts the remaining coverlay is a frame, which must meet the limit of a bridge.
+        With one opening for all parts the remaining coverlay is a frame, whose width must meet the limit of a bridge.
         """
         limits = dict(self.limits)
         bridge = limits["opening-bridge"]
@@ -195,7 +195,7 @@ class FabProfile:
 
 @read_once("fabs")
 def load_fab(name: str) -> FabProfile:
-    """A fab profile by name, or by the path of a TOML file, with what it inherits by ``extends``.
+    """A fab profile by name, or by the path of a TOML file, merged with those that it ``extends``.
 
     Raises SpecError: every problem found in it.
     """
@@ -212,7 +212,7 @@ def load_fab(name: str) -> FabProfile:
     modes = read_modes(coverlay)
     size = table.table("size", ("largest_mm", *SOURCE_KEYS))
     largest = size.numbers("largest_mm", 2, above=0.0)
-    # two roles of one name would write one file over the other
+    # with equal names one file would overwrite the other
     names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
     for shared in sorted({n for n in names if names.count(n) > 1}):
         files.problem("files", f"{shown(shared)} stands at two roles, which cannot share a file name; give each its own")
@@ -261,7 +261,7 @@ def load_fab(name: str) -> FabProfile:
 
 
 def _one_blank(text: str) -> str:
-    """A text with one blank between its words, as notes, drawing and forms have it."""
+    """A text with single blanks between its words, as notes, drawing and forms print it."""
     return " ".join(text.split())
 
 
@@ -273,7 +273,7 @@ def _file_name(files: Fields, role: str) -> str:
 
 
 def house_fab(house: str) -> str:
-    """The fab profile of a house, its films before its boards; a profile's name or file is itself.
+    """Name of the fab profile of a house, preferably one for films; the name or file of a profile is returned as it is.
 
     Raises SpecError if no profile is of that house.
     """

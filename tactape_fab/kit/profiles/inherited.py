@@ -12,17 +12,17 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.templates import profile_names, profile_table, read_toml, templates_folder
 
 MOST_ANCESTORS = 8
-"""Longest chain of profiles."""
+"""Most profiles in a chain of ``extends``."""
 _TABLES_DEEP = 2
 """Greatest depth of nested tables: ``limits.pad-pad.value_mm`` is two tables deep."""
 
 
 def fab_table(name: str) -> Fields:
-    """The table of a fab profile, by name or by the path of a TOML file, with what it inherits.
+    """The table of a fab profile, by name or by the path of a TOML file, merged with those that it extends.
 
     Tables are merged key by key; any other value, including a list, replaces the inherited one. The name is not inherited: a
-    profile that extends another and gives no name is named after its file. A ``warn_mm`` that the nearer ``value_mm`` of its
-    limit reaches is not inherited.
+    profile without a name is named after its file. An inherited ``warn_mm`` is dropped if the new ``value_mm`` of its limit
+    reaches it.
 
     Raises SpecError: a file that cannot be read, an unknown profile, a cycle, or more than `MOST_ANCESTORS` of them.
     """
@@ -30,7 +30,7 @@ def fab_table(name: str) -> Fields:
     path = Path(name) if name.endswith(".toml") else _built_in(name)
     if "extends" not in table.values:
         return table
-    # resolved: a cycle may pass through links
+    # resolved, as a cycle may pass through links
     values, seen = {"name": path.stem, **table.values}, [path.resolve()]
     reached: set[str] = set()
     while "extends" in values:
@@ -69,7 +69,7 @@ def _refusal(where: str, message: str) -> SpecError:
 
 
 def _reached_warnings(own: Mapping[str, Any], inherited: Mapping[str, Any]) -> Iterator[str]:
-    """Limits whose inherited ``warn_mm`` the own ``value_mm`` reaches, so that no value is left to warn of."""
+    """Limits whose own ``value_mm`` reaches the inherited ``warn_mm``, so that no value is left for a warning."""
     for rule, limit in _limits(own).items():
         value_mm, warn_mm = limit.get("value_mm"), _limits(inherited).get(rule, {}).get("warn_mm")
         if "warn_mm" in limit or not (isinstance(value_mm, int | float) and isinstance(warn_mm, int | float)):
@@ -89,13 +89,13 @@ def _without_warnings(values: Mapping[str, Any], rules: Collection[str]) -> Mapp
 
 
 def _limits(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Those of a profile's limits that are tables, as all are in a sound one."""
+    """Those of a profile's limits that are tables, as they all should be."""
     limits = values.get("limits")
     return {rule: limit for rule, limit in limits.items() if isinstance(limit, dict)} if isinstance(limits, dict) else {}
 
 
 def _merged(own: Mapping[str, Any], inherited: Mapping[str, Any], deep: int) -> dict[str, Any]:
-    """Merge of `inherited` with the values of `own`, which take precedence."""
+    """Merge two tables; values of `own` take precedence."""
     merged = {**inherited, **own}
     for key in own.keys() & inherited.keys():
         if deep > 0 and isinstance(own[key], dict) and isinstance(inherited[key], dict):

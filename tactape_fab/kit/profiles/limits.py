@@ -31,7 +31,7 @@ def read_origin(table: Fields) -> Origin:
 class Limit(Origin):
     """One threshold of a fab.
 
-    A value below ``warn_mm``, if given, gives a warning.
+    A measured value below ``warn_mm``, if given, is a warning.
     """
 
     value_mm: float
@@ -48,7 +48,7 @@ class SizeLimit(Origin):
 
 
 def cited(origin: Origin) -> dict[str, Any]:
-    """Source and confirmation of a threshold, as a `Finding` takes them."""
+    """Source and confirmation of a threshold, as keyword arguments of `Finding`."""
     return {"source": origin.source, "confirmed": origin.confirmed}
 
 

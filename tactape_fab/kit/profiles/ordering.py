@@ -20,12 +20,12 @@ COSTS = {
 }
 """Cost items of assembly, and how often each is charged."""
 OPTIONAL = ("board", "number", "attrition", "reel")
-"""Tables that a profile may leave out: what is not known is said to be unknown."""
+"""Tables that a profile may leave out; the notes then call these figures unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumption:
-    """A figure used in an estimate, and its source; ``least`` is the lower end where a range is known."""
+    """A figure of the estimate, and its source; ``least`` is the lower end of its range, if known."""
 
     value: float
     least: float
@@ -34,7 +34,7 @@ class Assumption:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartNumber:
-    """The house's number of a part profile's part, and what it names."""
+    """The house's part number for the part of a profile, and its description."""
 
     part: str
     number: str
@@ -46,7 +46,7 @@ class PartNumber:
 class Ordering:
     """``template`` is a file of templates/order without its ending; ``costs`` has one `Assumption` for each of COSTS, in
     ``currency``; ``placement`` is the time that a machine takes for one part, in seconds. ``board`` is the cost of one bare
-    board, ``attrition`` the share of parts that a line loses, ``reel`` the parts of a reel; None where not known.
+    board, ``attrition`` the fraction of parts that a line loses, ``reel`` the number of parts on a reel; None if not known.
     """
 
     template: str

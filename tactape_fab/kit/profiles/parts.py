@@ -28,13 +28,13 @@ class LandPattern:
     @property
     def area_mm2(self) -> float:
         """Exact area of one of the two lands, mm^2."""
-        # a rounded rectangle lacks (4 - pi) r^2 of its box: four corner squares of r^2 less a circle
+        # a rounded rectangle is smaller than its box by four squares of r^2 less a circle: (4 - pi) r^2
         return self.size_mm[0] * self.size_mm[1] - (4 - pi) * self.corner_radius_mm**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartProfile:
-    """A part with lands, not rotated (long axis along x), that is placed at the grid points.
+    """A part with lands, to be placed at the grid points; unrotated, with its long axis along x.
 
     ``part_numbers`` holds a number for each assembly format that has one.
     """
@@ -59,7 +59,7 @@ class PartProfile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElementProfile:
-    """A solid element for printing and milling, not rotated; it has no lands.
+    """A solid element for printing and milling, without lands; unrotated.
 
     ``body_mm`` is (length, width, height) of a ``block``, (diameter, diameter, height) of a ``dome``, which is a
     spherical cap, or a truncated cone whose flat top has the diameter ``top_mm``.
@@ -141,7 +141,7 @@ def _element(table: Fields) -> ElementProfile:
 def element_problem(
     shape: str, size_mm: Sequence[float], top_mm: float | None, *, size_key: str = "size_mm", top_key: str = "top_mm"
 ) -> tuple[str, str] | None:
-    """Reason why an element of this shape cannot have this size: (key, fault and remedy); None if it can.
+    """Reason why an element of this shape cannot have this size, as (key, message); None if it can.
 
     size_mm: Length, width, height in mm; for a dome the diameter twice and the height.
     size_key, top_key: Names of the two values in messages.
@@ -162,7 +162,7 @@ def element_problem(
         f"{size_key} = {length_mm:g} x {height_mm:g} mm is no spherical cap, whose height is below its radius "
         f"{length_mm / 2:g} mm; use a lower dome, or a flat top"
     )
-    # a cap of height h on a circle of radius a belongs to a sphere of radius (a^2 + h^2) / (2 h); at h = a it is a half sphere
+    # a cap of height h on a circle of radius a is part of a sphere of radius (a^2 + h^2) / (2 h); at h = a it is a half sphere
     return None if height_mm < length_mm / 2 else (size_key, said)
 
 
@@ -171,7 +171,7 @@ def _part_name(table: Fields) -> str:
 
 
 def _attribute_text(table: Fields, key: str) -> str:
-    """A text valid in a Gerber attribute or a table cell: one line of plain characters, no formula."""
+    """A text that is valid in a Gerber attribute and in a table cell: one line of plain characters that is not a formula."""
     remedy = "use plain letters, digits and ._()+/,-, the first a letter or digit"
     return table.text(key, pattern=r"[A-Za-z0-9][A-Za-z0-9 ._()+/,-]{0,199}", remedy=remedy)
 
@@ -182,6 +182,6 @@ def read_land(table: Fields) -> LandPattern:
     return LandPattern(
         size_mm=(size[0], size[1]),
         corner_radius_mm=table.number("corner_radius_mm", low=0.0, high=min(size) / 2),
-        # each land ends half its length before its centre: the gap between both is 2 offset - length
+        # the gap between both lands is 2 offset - length
         offset_mm=table.number("offset_mm", above=size[0] / 2, high=20.0, remedy="the two pads must not touch"),
     )

@@ -22,9 +22,9 @@ _DIGITS = "0123456789.-"
 _KICAD_FORM = re.compile(
     r"(?:### [ -~]{1,200}\n){2}## Unit = mm, Angle = deg\.\n## Side : top\n# [ -~]{1,200}\n(?:[!\"$-~][ -~]*\n)*## End\n"
 )
-"""Programs differ in which one of two comments, on unit or columns, they believe."""
+"""Form of a KiCad list: with a second comment on unit or columns, programs differ in which one they use."""
 _KEPT_BYTES = 8 << 20
-"""Size up to which what a list holds is kept: that of 200,000 parts, which takes 30 MB."""
+"""Largest list whose content is cached: that of 200,000 parts, which takes 30 MB."""
 
 
 def read_drill(data: bytes) -> FloatArray:
@@ -39,19 +39,19 @@ def read_drill(data: bytes) -> FloatArray:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             text = data.decode("ascii")
-            if re.search(r"^\s*R\s*\d", text, re.MULTILINE):  # a line of 12 bytes may mean 100 million holes
+            if re.search(r"^\s*R\s*\d", text, re.MULTILINE):  # a repeat of 12 bytes may mean 100 million holes
                 raise ReadbackError("it repeats holes, which this tool never writes")
             file = ExcellonFile.from_string(text, plated=False)
     except ReadbackError:
         raise
     except Exception as error:  # gerbonara raises exceptions of any type
         raise ReadbackError(f"gerbonara cannot read it: {one_line(error)}") from error
-    # XNC ends with M30: a file that was cut off ends earlier
+    # without M30 the file was cut off
     if not text.rstrip().endswith("\nM30"):
         raise ReadbackError("its end, M30, is missing")
     if re.search(r"TF\.FileFunction,(?!NonPlated,)", text):
         raise ReadbackError("it calls itself another file than one of unplated holes")
-    # a slot is a line to gerbonara, a tool in inches another unit
+    # gerbonara reads a slot as a line, and a tool in inches as another unit
     if not all(isinstance(o, Flash) and o.unit is not None and o.unit.shorthand == "mm" for o in file.objects):
         raise ReadbackError("it holds other things than round holes in millimetres")
     holes = np.array([(o.x, o.y, o.aperture.diameter) for o in file.objects], dtype=np.float64).reshape(-1, 3)
@@ -61,7 +61,7 @@ def read_drill(data: bytes) -> FloatArray:
 
 
 def read_cpl(data: bytes) -> CplContent:
-    """Read a pick-and-place file of any known assembly format, which has that format's columns and no other.
+    """Read a pick-and-place file that has exactly the columns of a known assembly format.
 
     Raises ReadbackError naming every column or row that cannot be read.
     Equal bytes are read once, unless they are many: previews, report and verification of a kit read the same file.
@@ -84,12 +84,12 @@ def _read_cpl(data: bytes) -> CplContent:
         columns = [[row[i] for row in rows] for i in range(len(content.headers))]
     else:
         columns = _columns(_decoded(data).removeprefix("#"), SEPARATORS[content.table.style])
-    # rotations are read back counter-clockwise; what the list says is compared with the range in its own sense
+    # rotations were converted to counter-clockwise; the range applies to the list's own convention
     low, high = (-180.0, 180.0) if content.table.half_turns else (0.0, 360.0)
     turns = -content.rotation_deg if content.table.clockwise else content.rotation_deg
     if not ((turns >= low) & (turns <= high)).all():
         raise ReadbackError(f"a rotation is not from {low:g} to {high:g} deg, as this list has them")
-    # float() also takes exponents, underscores, blanks and a plus, which other readers refuse or read otherwise
+    # float() also accepts exponents, underscores, blanks and a plus sign, which other readers refuse or read differently
     for number in (place for place, (_, of) in enumerate(content.table.columns) if of in ("x", "y", "rotation")):
         if not written_with("".join(columns[number]), _DIGITS):
             raise ReadbackError(f"a number of column {content.headers[number]} is not written with digits, '-' and '.' alone")
@@ -97,7 +97,7 @@ def _read_cpl(data: bytes) -> CplContent:
 
 
 def read_bom(data: bytes, table: BomTable) -> list[dict[str, str]]:
-    """Rows of a bill of materials, by the keys of its columns.
+    """Rows of a bill of materials, by the keys of the table's columns.
 
     Raises ReadbackError if it is not CSV, its header is not the table's, or a row has another number of cells.
     """
@@ -121,9 +121,9 @@ def _refuse_header(found: Sequence[str], known: tuple[str, ...]) -> None:
 
 
 def csv_lines(text: str, separator: str = ",") -> list[list[str]]:
-    """Lines of a table as cells, the header first; ReadbackError if it is not a table, or a row has another number of cells."""
+    """Rows of a CSV text as cells, header first; ReadbackError if it is not CSV, or a row has another number of cells."""
     try:
-        # newline="" leaves line ends to csv, which has to see CR and LF inside quotes (RFC 4180)
+        # newline="" leaves line ends to csv, which needs CR and LF inside quotes (RFC 4180)
         lines = list(csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator))
     except csv.Error as error:
         raise ReadbackError(f"it is no CSV: {one_line(error)}") from error
@@ -136,14 +136,14 @@ def csv_lines(text: str, separator: str = ",") -> list[list[str]]:
 
 
 def _columns(text: str, separator: str) -> list[list[str]]:
-    """Cells below the header by column; of a table written as `_plain_lines` wants it, which it is asked where it has quotes."""
+    """Cells below the header, by column; the text must be as Python's csv module writes it, see `_plain_lines`."""
     plain = plain_columns(text, separator)
     columns = zip(*_plain_lines(text, separator), strict=True) if plain is None else plain
     return [list(column[1:]) for column in columns]
 
 
 def _plain_lines(text: str, separator: str = ",") -> list[list[str]]:
-    """As `csv_lines`, of a table written as Python's csv module does: others read blank lines and needless quotes otherwise."""
+    """As `csv_lines`, but refuses text that Python's csv module would write differently, such as with needless quotes."""
     lines, again = csv_lines(text, separator), io.StringIO(newline="")
     csv.writer(again, delimiter=separator, lineterminator="\r\n").writerows(lines)
     if again.getvalue() != text:

@@ -1,7 +1,7 @@
 """Reader of s-expressions, the format of KiCad's files, as nested tuples.
 
-Not by a library: of a board of 1,984 parts (3.1 MB) sexpdata 1.0.2 takes 0.91 s and kiutils 1.4.8 0.66 s, each more than all of a
-quick verification. Here numpy finds the brackets, and lists of the same text, as most of a footprint's are, are parsed once.
+Not by a library: a board of 1,984 parts (3.1 MB) takes sexpdata 1.0.2 0.91 s and kiutils 1.4.8 0.66 s, each more than all of a
+quick verification. Here numpy finds the brackets, and lists with equal text, such as most of a footprint, are parsed once.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 
 
 def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
-    """Parse the single list of a file; its words are kept as written, without quotes.
+    """Parse the single list of a file; words are kept as written, without their quotes.
 
     data: UTF-8. A backslash, or a '#', which starts a comment in KiCad, is allowed only within quotes.
-    without: Names of one-word lists that are left out everywhere, such as ``tstamp``, whose values are all different.
+    without: Names of lists of one value that are removed everywhere, such as ``tstamp``, whose values are all different.
     Raises ReadbackError if brackets or quotes do not match, lists are nested more than 16 deep, or there is text outside the
         single list.
     """
     if without:  # quotes are removed in pairs only, so that the quoting of the rest does not change
         names = "|".join(without).encode()
-        # such a list is one word in brackets, so nothing nested is lost
+        # such a list has one word, so nothing nested is lost
         data = re.sub(rb'\(\s*(?:%s)\s+(?:[\w.-]+|"[\w.-]*")\s*\)' % names, b" ", data)
     at, level = _brackets(data)
-    # depth 1 is the board, 2 its footprints and lines, 3 their parts:
-    # the smallest lists that repeat from one footprint to the next
+    # depth 1 is the board, 2 its footprints and lines, 3 their elements,
+    # many of which are equal from one footprint to the next
     inner = _spans(at, level, 3)
     texts = [data[begin:end] for begin, end in inner]
     try:
         known = dict(zip(distinct := dict.fromkeys(texts), _parsed(b" ".join(distinct)), strict=True))
         lists = [(begin, end, known[text]) for (begin, end), text in zip(inner, texts, strict=True)]
-        # the parsed lists of depth 3 are put into those of depth 2, these into the one of depth 1
+        # parsed lists of depth 3 are inserted into those of depth 2, and these into the one of depth 1
         ((_, _, whole),) = _around(data, _spans(at, level, 1), _around(data, _spans(at, level, 2), lists))
     except UnicodeDecodeError as error:
         raise ReadbackError(f"it is not UTF-8: {error.reason}") from error
@@ -50,13 +50,13 @@ def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
 
 
 def _brackets(data: bytes) -> tuple[IntArray, IntArray]:
-    """Places of brackets outside quotes, and the depth, from 1, of the list that each begins or ends."""
-    # escapes are blanked in place: an escaped quote must not count as one, and every index stays what it is in `data`
+    """Indices of the brackets outside quotes, and the depth, from 1, of the list that each begins or ends."""
+    # escapes are overwritten with the same length, so that an escaped quote does not count and indices do not change
     text = np.frombuffer(re.sub(rb"\\.", b"__", data, flags=re.DOTALL) if b"\\" in data else data, dtype=np.uint8)
     quotes = np.flatnonzero(text == ord('"'))
     whole = np.frombuffer(data, dtype=np.uint8)
     marks = np.flatnonzero((whole == ord("\\")) | (whole == ord("#")))
-    # an odd number of quotes before a place puts it inside of them: searchsorted counts them
+    # a place after an odd number of quotes is inside quotes; searchsorted counts them
     if len(quotes) % 2 or (np.searchsorted(quotes, marks) % 2 == 0).any():
         raise ReadbackError("it has a quote without an end, or a backslash or '#' outside quotes")
     at = np.flatnonzero((text == ord("(")) | (text == ord(")")))
@@ -79,7 +79,7 @@ def _spans(at: IntArray, level: IntArray, depth: int) -> list[tuple[int, int]]:
 
 
 def _around(data: bytes, spans: list[tuple[int, int]], inner: list[tuple[int, int, Tree]]) -> list[tuple[int, int, Tree]]:
-    """Lists with the lists directly in them, both in file order."""
+    """Parse lists around their already parsed inner lists, both in file order."""
     found, k = [], 0
     for begin, end in spans:
         words: list[str | Tree] = []
@@ -87,7 +87,7 @@ def _around(data: bytes, spans: list[tuple[int, int]], inner: list[tuple[int, in
         while k < len(inner) and inner[k][0] < end:
             first, after, tree = inner[k]
             if not (between := data[at:first]).isspace():
-                # what lies between two lists is mostly a blank or a line end
+                # the text between two lists is mostly a blank or a line end
                 words += _words(between)
             words.append(tree)
             at, k = after, k + 1
@@ -112,7 +112,7 @@ def _parsed(text: bytes) -> list[Tree]:
             stack.append([])
         elif token != ")":
             stack[-1].append(_word(token) if token[0] == '"' else token)
-        # stack[0] is the level outside of the lists that are parsed one after the other: a list that ends on it is done
+        # stack[0] collects the finished top-level lists
         elif len(stack) > 2:
             done = tuple(stack.pop())
             stack[-1].append(done)

@@ -12,8 +12,8 @@ def _render(drawing: Drawing, fab: FabProfile, role: str, what: str, backing: st
     if backing is None:
         return ()
     words = material_words(backing)
-    # a mechanical layer with a Protel ending (.gm2) is taken for a second
-    # outline by gerbonara and whats-that-gerber; named in words it is a drawing
+    # gerbonara and whats-that-gerber take a mechanical layer with a Protel
+    # extension (.gm2) for a second outline; with a plain name it is a drawing
     gerber = GerberText(drawing.project, fab.x2, f"Other,{what}_Bottom_{words}")
     gerber.regions(drawing.backed_mm, "Material")
     return (Artifact(role=role, path=fab.file_path(role, drawing.name, words), data=gerber.data()),)

@@ -1,4 +1,4 @@
-"""Colours of what a kit shows, in pictures and in models."""
+"""Colours of materials in pictures and models."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ COVERLAY_COLOURS: Mapping[str, tuple[Colour, Colour]] = {
     "white": ("#eceae4", "#cfccc3"),
     "green": ("#1f6b3a", "#164d2a"),
 }
-"""Coverlay as seen on bare film, and its edge. What houses sell as yellow is polyimide, which looks golden on polyimide."""
+"""Colour of the coverlay on bare film, and of its edge. Coverlay sold as yellow is polyimide, which looks golden on polyimide."""
 LEGEND_COLOURS: Mapping[str, Colour] = {"white": "#f7f7f2", "black": "#151515"}
 BACKING_COLOURS: Mapping[str, Colour] = {"adhesive-bottom": "#7fb2d9", "stiffener-bottom": "#6f7f58"}
 BASE_FILM = "#8a5a12"
-"""Film that no coverlay covers."""
+"""Film without coverlay."""
 GOLD = "#e9c46a"
 """Pads."""
 BODY = "#1d1f24"

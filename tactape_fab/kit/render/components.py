@@ -20,14 +20,14 @@ _BODY_LINE_MM = 0.1
 
 
 def render_components(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
-    """Centre, body outline and both pins of every part; always with full attributes, for they are all its content."""
+    """Centre, body outline and both pins of every part; always with full attributes, which are the layer's content."""
     part = drawing.part
     gerber = GerberText(drawing.project, "full", "Component,L1,Top")
     centre = gerber.circle(_CENTRE_MM, "ComponentMain")
     body = gerber.circle(_BODY_LINE_MM, "ComponentOutline,Body")
     pin_1 = gerber.polygon(_PIN_1_MM, 4, "ComponentPin")
     pin_2 = gerber.circle(0.0, "ComponentPin")
-    # object attributes hold until they are set anew: what is the same for all parts is written once, before the first
+    # object attributes hold until they are set again, so those that are equal for all parts are written once, before the first
     first, rotation_deg = 1, None
     for parts in drawing.parts:
         if parts.rotation_deg != rotation_deg:
@@ -39,7 +39,7 @@ def render_components(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
             gerber.object_attribute(f"CHgt,{part.body_mm[2]:g}")
         rotation_deg = parts.rotation_deg
         corners = len(parts.bodies.outline_mm)
-        # the text of one part: centre, body as a closed stroke, pins 1 and 2; %% for the per cent signs of attributes
+        # the text of one part: centre, body as a closed stroke, pins 1 and 2; %% is a per cent sign of an attribute
         template = (
             f"%%TO.C,R%d*%%\n{centre}*\nX%dY%dD03*\n{body}*\nX%dY%dD02*\n"
             + "X%dY%dD01*\n" * corners
@@ -48,7 +48,7 @@ def render_components(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
         number = np.arange(first, first + len(parts.xy_mm))
         closed = np.concatenate([parts.bodies.outline_mm, parts.bodies.outline_mm[:1]])
         outline = to_nm(outlines_at(parts.xy_mm, closed)).reshape(len(number), -1)
-        # two lands of a part follow each other in the pads' flashes: x1, y1, x2, y2
+        # the flashes of a part's two lands are consecutive: x1, y1, x2, y2
         pins = to_nm(parts.pads.xy_mm).reshape(-1, 4)
         values = np.column_stack([number, to_nm(parts.xy_mm), outline, number, pins[:, :2], number, pins[:, 2:]])
         gerber.rows(template, values)

@@ -35,11 +35,11 @@ def _table(headers: Sequence[str], rows: Iterable[Sequence[object]], separator: 
 def render_cpl(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """Centre, side and rotation of every part, in the board frame.
 
-    Four decimals of the house's unit: 0.1 um, or 2.5 nm where that is the mil.
+    Four decimals of the house's unit: 0.1 um in mm, 2.5 nm in mil.
     """
     house = PLACEMENTS[fab.assembly]
     cells = _placement_cells(drawing, fab, house)
-    # not strict: columns that are the same for every part have no end
+    # not strict, as columns that are equal for every part are endless iterators
     rows = zip(*(cells[content] for _, content in house.columns), strict=False)
     if house.style == "kicad":
         data = _kicad_text(house, rows)
@@ -51,9 +51,9 @@ def render_cpl(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
 
 
 def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -> Mapping[str, Iterable[str]]:
-    """The cells of each column, by its content; without end where they are the same for every part."""
+    """The cells of each column by its content; endless iterators if they are equal for every part."""
     part = drawing.part
-    # formatted in numpy, then cut at the blanks: the list of 200,000 parts takes 0.18 s instead of 0.25
+    # formatted in numpy, then split at blanks: the list of 200,000 parts takes 0.18 s instead of 0.25
     x, y = (number_rows("%.4f ", column).decode("ascii").split() for column in (drawing.parts_xy_mm / house.unit_mm).T)
     length, width = (f"{value / house.unit_mm:.4f}" for value in part.lands_mm)
     of_tapes = [(_degrees(house.written_deg(parts.rotation_deg), house), len(parts.xy_mm)) for parts in drawing.parts]
@@ -69,12 +69,12 @@ def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -
 
 def _degrees(rotation_deg: float, house: PlacementTable) -> str:
     text = f"{rotation_deg:.4f}"
-    # pcbnew writes every number with the same decimals
+    # pcbnew writes all numbers with the same number of decimals
     return text if house.style == "kicad" else text.rstrip("0").rstrip(".")
 
 
 def _kicad_text(house: PlacementTable, rows: Iterable[Sequence[str]]) -> bytes:
-    """Text as pcbnew prints it: columns as wide as their longest entry, no blanks inside an entry."""
+    """Text as pcbnew writes it: columns as wide as their longest entry, without blanks inside entries."""
     table = [[cell.replace(" ", "_") for cell in row] for row in rows]
     ref, value, package = (max(least, *(len(row[i]) for row in table)) for i, least in enumerate(_KICAD_LEAST_WIDTHS))
     template = f"{{:<{ref}}}  {{:<{value}}}  {{:<{package}}}  {{:>9}}  {{:>9}}  {{:>8}}  {{}}"
@@ -89,7 +89,7 @@ def _kicad_text(house: PlacementTable, rows: Iterable[Sequence[str]]) -> bytes:
 
 
 def render_bom(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
-    """All parts, at most 200 designators a row."""
+    """Bill of materials of all parts, with at most `DESIGNATORS_PER_ROW` designators per row."""
     bom = FORMATS[fab.assembly].bom
     names = drawing.designators()
     groups = [names[i : i + DESIGNATORS_PER_ROW] for i in range(0, len(names), DESIGNATORS_PER_ROW)]

@@ -10,7 +10,7 @@ from tactape_fab.kit.profiles import FabProfile
 
 
 def render_drill(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, ...]:
-    """One tool per diameter, smallest first, holes in the order given; nothing where there are no holes."""
+    """One tool per diameter, smallest first, holes in the given order; no file without holes."""
     holes = drawing.holes
     if not holes:
         return ()

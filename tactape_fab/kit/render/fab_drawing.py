@@ -1,7 +1,7 @@
 """Fab drawing: one page for the people at the fab and at the assembly line, as PDF.
 
-It repeats in dimensions what Gerber files say in shapes, and says what they cannot: the stack of layers, which ground belongs to
-the texture, how the parts lean, and an enlarged corner to hold against the fab's own preview.
+It gives dimensions of the shapes in the Gerber files, and what these do not contain: the layer stack, the area of the texture,
+the rotation of the parts, and an enlarged corner to compare with the fab's own preview.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tactape_fab.texture.shapes import rotate
 
 A4_MM = (297.0, 210.0)
 SCALES = (20.0, 10.0, 5.0, 2.5, 2.0, 1.0, 0.5, 0.4, 0.25, 0.2, 0.1, 0.05, 0.025, 0.02, 0.01)
-"""Recommended scales of ISO 5455, and 2.5:1, 1:2.5, 1:4 and 1:40 between them."""
+"""Recommended scales of ISO 5455, with 2.5:1, 1:2.5, 1:4 and 1:40 in between."""
 PREVIEW_POINTS = 4
 """Columns and rows of parts in the enlarged corner."""
 _FRAME_MM = 8.0
@@ -33,7 +33,7 @@ _CORNER_BOX: Box = (16.0, 15.0, 98.0, 79.0)
 _PART_BOX: Box = (112.0, 26.0, 186.0, 76.0)
 _TEXT_LEFT_MM, _TEXT_WIDTH_MM = 197.0, 90.0
 _MOST_BODIES = 20_000
-"""Bodies drawn one by one in the outline; of more, only the field is drawn."""
+"""Most bodies that are drawn in the outline; of more, only the field is drawn."""
 _SMALL_MM = 2.0
 _FIELD_GREY, _COPPER, _BODY, _FILM = 0.94, (0.85, 0.62, 0.35), (0.25, 0.25, 0.28), (0.98, 0.93, 0.80)
 
@@ -52,7 +52,7 @@ def render_fab_drawing(facts: OrderFacts, drawing: Drawing) -> tuple[Artifact]:
 
 
 def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
-    """The outline with its field, legend, holes and dimensions, from the parts' side; its scale."""
+    """Draw the outline with field, legend, holes and dimensions, seen from the parts' side; returns its scale."""
     sheet.text((13.0, 197.0), "OUTLINE, seen from the parts' side", size_mm=3.0, bold=True)
     view = _fitted(drawing.size_mm, _OUTLINE_BOX)
     width, height = drawing.size_mm
@@ -104,14 +104,14 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
 
 
 def _corner_mark(sheet: Sheet, facts: OrderFacts, view: View) -> None:
-    """The frame of the enlarged corner in the outline."""
+    """Draw a frame around the area of the enlarged corner."""
     low, high = _corner_area(facts)
     sheet.box(view(low), view(high), width_mm=0.25, stroke=(0.75, 0.0, 0.0))
     sheet.text(view((high[0], low[1])) + np.array([0.8, -0.4]), "A", size_mm=3.0, bold=True)
 
 
 def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
-    """The enlarged first parts on their grid: openings, pads, bodies and designators; its scale."""
+    """Draw the first parts on their grid, enlarged: openings, pads, bodies and designators; returns its scale."""
     low, high = _corner_area(facts)
     view = _fitted(tuple(high - low), _CORNER_BOX, origin_mm=tuple(low), exact=True)
     sheet.text((13.0, 88.0), f"A: the first parts, {view.scale:.3g}:1", size_mm=3.0, bold=True)
@@ -128,7 +128,7 @@ def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
     # beside the long side of the part: half an opening and 2 mm of paper away
     across = rotate([(0.0, -1.0)], first.rotation_deg)[0] * (0.5 * drawing.outlines.opening_size_mm[1] * view.scale + 2.0)
     for part, centre, (land, _) in zip(parts, centres, lands, strict=True):
-        # out of the land's middle along the part, past the body
+        # from the land's middle outward along the part, past the body
         sheet.circle(view(land + 0.3 * (land - centre)), 0.45, fill=1.0, width_mm=0.1)
         sheet.text(view(centre) + across, f"R{part + 1}", size_mm=1.8, align="middle")
     ways = "N, S, E or W" if facts.tape.directions == USUAL_DIRECTIONS else f"in one of {facts.tape.directions} directions"
@@ -138,9 +138,9 @@ def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
 
 
 def _grid(sheet: Sheet, facts: OrderFacts, low: FloatArray, high: FloatArray, view: View) -> None:
-    """The lines of the grid in view, with its pitch."""
+    """Draw the grid lines in view, with the pitch."""
     size = min(PREVIEW_POINTS, facts.tape.columns), min(PREVIEW_POINTS, facts.tape.rows)
-    # the rows of a turned tape follow each other along x
+    # on a turned tape the rows are arranged along x
     turned = facts.panel is not None and facts.panel.tapes[0].turned
     points = [_grid_point(facts, *((0, k) if turned else (k, 0))) for k in range(size[turned])]
     for x, _ in points:
@@ -160,7 +160,7 @@ def _corner_area(facts: OrderFacts) -> tuple[FloatArray, FloatArray]:
 
 
 def _grid_point(facts: OrderFacts, column: float, row: float) -> FloatArray:
-    """A point of the (first) tape's grid, x right and y down, in the drawing's frame, mm."""
+    """A point of the (first) tape's grid, given by column and row, in the drawing's frame, mm."""
     tape = facts.tape
     x, y = texture_to_board(np.array([column, row]) * tape.pitch_mm, tape.board.texture_origin_mm)
     if facts.panel is None:
@@ -171,7 +171,7 @@ def _grid_point(facts: OrderFacts, column: float, row: float) -> FloatArray:
 
 
 def _one_part(sheet: Sheet, mask: str, drawing: Drawing) -> None:
-    """One part with its pads, opening and angle."""
+    """Draw one part with its pads, opening and angle."""
     sheet.text((104.0, 88.0), "B: one part", size_mm=3.0, bold=True)
     lines, rotation_deg = drawing.outlines, drawing.parts[0].rotation_deg
     low, high = lines.opening.min(axis=0), lines.opening.max(axis=0)
@@ -219,13 +219,13 @@ def _one_part(sheet: Sheet, mask: str, drawing: Drawing) -> None:
 
 
 def _turned(rotations_deg: Sequence[float]) -> str:
-    """How the parts are turned: on a packed panel those of tapes that lie turned stand otherwise."""
+    """Text for the rotation of the parts, with that on turned tapes of a packed panel."""
     all_parts = "All parts" if len(rotations_deg) == 1 else "Parts, tape by tape,"
     return f"{all_parts} turned {' or '.join(f'{rotation_deg:g}°' for rotation_deg in rotations_deg)} counter-clockwise."
 
 
 def _angle(sheet: Sheet, centre: FloatArray, radius_mm: float, angle_rad: float) -> None:
-    """An arc from x to `angle_rad`, with an arrowhead and its degrees."""
+    """Draw an arc from x to `angle_rad`, with an arrowhead and the angle in degrees."""
     if angle_rad <= 0.0:
         return
     steps = np.linspace(0.0, angle_rad, 25)
@@ -238,7 +238,7 @@ def _angle(sheet: Sheet, centre: FloatArray, radius_mm: float, angle_rad: float)
 
 
 def _texts(sheet: Sheet, facts: OrderFacts, drawing: Drawing, scale: float, corner_scale: float) -> None:
-    """The column of tables and notes, and the title block."""
+    """Draw the column of tables and notes, and the title block."""
     x, y = _TEXT_LEFT_MM, 197.0
     sheet.text((x, y), "LAYERS, from the top", size_mm=3.0, bold=True)
     y = sheet.table((x, y - 3.0), _layers(facts, drawing), (27.0, _TEXT_WIDTH_MM - 27.0), size_mm=_SMALL_MM) - 5.0
@@ -259,7 +259,7 @@ def _texts(sheet: Sheet, facts: OrderFacts, drawing: Drawing, scale: float, corn
 
 
 def _section(sheet: Sheet, mask: str, drawing: Drawing, top_left: tuple[float, float]) -> float:
-    """The layers cut through a part, not to scale; its lower edge on the sheet, mm."""
+    """Draw a cross-section through a part, not to scale; returns its lower edge on the sheet, mm."""
     width, left = 60.0, top_left[0]
     middle, y = left + width / 2, top_left[1] - 9.0
     film_top = y
@@ -274,7 +274,7 @@ def _section(sheet: Sheet, mask: str, drawing: Drawing, top_left: tuple[float, f
         sheet.box((cover[0], y), (cover[1], y + 2.0), fill=(0.98, 0.88, 0.6), width_mm=0.1)
     sheet.box((middle - 7.5, y + 1.9), (middle + 7.5, y + 6.5), fill=_BODY, stroke=None)
     y -= 2.5
-    # the adhesive is what sticks the tape to an object: it lies outermost
+    # the adhesive is outermost, as it sticks the tape to an object
     for words, fill in ((drawing.stiffener, 0.6), (drawing.adhesive, 0.85)):
         if words:
             sheet.box((left, y - 2.2), (left + width, y), fill=fill, width_mm=0.1)
@@ -364,11 +364,11 @@ def _ratio(scale: float) -> str:
 def _fitted(
     size_mm: Sequence[float], box: Box, *, origin_mm: Sequence[float] = (0.0, 0.0), exact: bool = False, fill: float = 1.0
 ) -> View:
-    """A view that centres `size_mm` in a box of the sheet, at the largest of the recommended scales, or `exact`: of all."""
+    """A view that centres `size_mm` in a box of the sheet, at the largest recommended scale or, if `exact`, at the largest."""
     room = (box[2] - box[0], box[3] - box[1])
     largest = fill * min(room[0] / size_mm[0], room[1] / size_mm[1])
     fitting: Sequence[float] = [scale for scale in SCALES if scale <= largest]
-    # an enlargement has one decimal; an outline takes a scale that a ruler knows
+    # an exact scale has one decimal
     scale = floor(largest * 10) / 10 if exact else max(fitting, default=largest)
     at = (box[0] + (room[0] - scale * size_mm[0]) / 2, box[1] + (room[1] - scale * size_mm[1]) / 2)
     return View(scale=float(scale), at_mm=at, origin_mm=(float(origin_mm[0]), float(origin_mm[1])))

@@ -1,7 +1,7 @@
-"""The fab drawing's outline, slots, holes, field, tag and label as DXF, to lay under a fab's or a robot's own CAD.
+"""Outline, slots, holes, field, tag and label as DXF, as a reference for CAD of a fab or of a robot.
 
 ASCII DXF of release 12 (group codes and entities as in Autodesk's DXF reference), which every program reads; the unit is in
-$INSUNITS, which programs of today look for.
+$INSUNITS, which present programs read.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tactape_fab.kit.order_facts import Box, OrderFacts
 from tactape_fab.texture.frames import FloatArray
 
 LAYERS = {"OUTLINE": 7, "SLOTS": 7, "HOLES": 1, "FIELD": 5, "NUMBER": 3, "TAG": 8, "LABEL": 8}
-"""Layers and their colours of the AutoCAD colour index; NUMBER is where a fab may print its own."""
+"""Layers, and their colours by AutoCAD colour index; NUMBER is the area where the fab may print its order number."""
 _MILLIMETRES = 4  # $INSUNITS
 
 Tags = Iterator[tuple[int, str | int]]
@@ -24,8 +24,8 @@ Tags = Iterator[tuple[int, str | int]]
 
 
 def render_fab_dxf(facts: OrderFacts, drawing: Drawing) -> tuple[Artifact]:
-    """Layers of a tape or a panel in the board frame, mm; the same bytes every time."""
-    # group codes are right-aligned in three columns, values on lines of their own
+    """DXF of a tape or a panel in the board frame, mm."""
+    # group codes are right-aligned in three columns, each value is on the next line
     text = "".join(f"{code:3d}\n{value}\n" for code, value in _document(facts, drawing))
     return (Artifact(role="fab-dxf", path=f"{drawing.name}-drawing.dxf", data=text.encode("ascii")),)
 
@@ -62,7 +62,7 @@ def _document(facts: OrderFacts, drawing: Drawing) -> Tags:
 
 def _polyline(layer: str, line_mm: FloatArray, *, closed: bool = True) -> Tags:
     points = np.asarray(line_mm).round(6).tolist()
-    # the closing line is said by the flag (70, 1): a repeated vertex would be a line of no length
+    # the flag (70, 1) closes the polyline, so that a repeated vertex would be a line of length 0
     if closed and points[0] == points[-1]:
         points.pop()
     # 66: vertices follow; 10, 20, 30 of the polyline itself are a dummy point, always 0

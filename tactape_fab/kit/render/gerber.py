@@ -1,7 +1,7 @@
 """The fabrication layers as Gerber files.
 
-Every pad is the flash of an outline macro (primitive 4) whose vertices are literal and already turned: the one form
-that gerbonara, tracespace, gerbv and PyGerber all draw right.
+Every pad is a flash of an outline macro (primitive 4) with literal, already rotated vertices: the only form that
+gerbonara, tracespace, gerbv and PyGerber all draw correctly.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ def _artifact(drawing: Drawing, fab: FabProfile, role: str, gerber: GerberText) 
 
 
 def _apertures(gerber: GerberText, name: str, flashes: Sequence[Flashes], function: str) -> list[str]:
-    """The aperture of each tape's flashes; those of one outline share it: two at most, as tapes lie turned or not."""
+    """The aperture of each tape's flashes; equal outlines share one, so there are two at most, for turned tapes and others."""
     known: dict[bytes, str] = {}
     for of in flashes:
-        # outlines of equal parts are equal numbers; rounded, as a last bit must not make an aperture of its own
+        # rounded, as a difference in the last bit must not make another aperture
         if (key := of.outline_mm.round(9).tobytes()) not in known:
             known[key] = gerber.outline(f"{name}TURNED" if known else name, of.outline_mm, function)
     return [known[of.outline_mm.round(9).tobytes()] for of in flashes]
@@ -42,20 +42,18 @@ def _flash_all(gerber: GerberText, name: str, flashes: Sequence[Flashes]) -> Non
 
 
 def render_copper(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
-    """Copper layer: two flashed pads per part, each naming its component and pin (.P) where attributes are on; what anchors
-    them; and fiducials.
-    """
+    """Copper layer: two flashed pads per part, with component and pin (.P) if attributes are on; anchors; and fiducials."""
     gerber = GerberText(drawing.project, fab.x2, "Copper,L1,Top")
     apertures = _apertures(gerber, "PAD", [parts.pads for parts in drawing.parts], "SMDPad,CuDef")
     gerber.object_attribute("N,N/C")
     named = gerber.attribute_line("TO.P,R%d,%d")
     first, before = 0, ""
     for parts, aperture in zip(drawing.parts, apertures, strict=True):
-        # an aperture is selected where it changes: the attributes between do not undo it
+        # an aperture is selected only if it changes; the attributes in between do not deselect it
         gerber.add(*[f"{aperture}*"] * (aperture != before))
         pad = np.arange(first, first + len(parts.pads.xy_mm))
         if named:
-            # pads come in pairs: component pad // 2 + 1, pin pad % 2 + 1
+            # two pads per part: component pad // 2 + 1, pin pad % 2 + 1
             values = np.column_stack([pad // 2 + 1, pad % 2 + 1, to_nm(parts.pads.xy_mm)])
             gerber.rows(f"{named}X%dY%dD03*\n", values)
         else:
@@ -72,7 +70,7 @@ def render_copper(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
 
 
 def render_coverlay(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
-    """Coverlay or mask as a soldermask layer: what is drawn is open, a window for each part or one for all of a tape."""
+    """Coverlay or solder mask as a soldermask layer, which draws the openings: one per part, or one for all parts of a tape."""
     gerber = GerberText(drawing.project, fab.x2, "Soldermask,Top", "Negative")
     if drawing.windows_mm:
         gerber.regions(drawing.windows_mm, "Material")
@@ -83,14 +81,14 @@ def render_coverlay(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
 
 
 def render_paste(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
-    """Stencil apertures."""
+    """Solder paste layer: the stencil's apertures."""
     gerber = GerberText(drawing.project, fab.x2, "Paste,Top")
     _flash_all(gerber, "PASTE", [parts.paste for parts in drawing.parts])
     return _artifact(drawing, fab, "paste-top", gerber)
 
 
 def render_legend(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, ...]:
-    """Tags and labels; nothing for tapes without a strip."""
+    """Legend layer: tags and labels; no file for tapes without a strip."""
     legend = drawing.legend
     if not legend.areas_mm:
         return ()
@@ -104,14 +102,14 @@ def render_legend(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, ...]:
 
 
 def render_profile(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
-    """The outline, closed with the text it began with, and what is cut out round the tapes of a panel, closed, too."""
+    """Profile layer: the outline, and the slots around the tapes of a panel, as closed contours."""
     gerber = GerberText(drawing.project, fab.x2, "Profile,NP")
     gerber.add(f"{gerber.circle(OUTLINE_LINE_MM, 'Profile')}*")
     (width, height), radius = to_nm(drawing.size_mm).tolist(), int(to_nm(drawing.corner_radius_mm))
-    # begin and end are the same text, so that the outline is closed to the last digit, whatever a reader does with it
+    # start and end point are the same text, so that the outline is exactly closed for every reader
     start = f"X{radius}Y0"
     gerber.add(f"{start}D02*")
-    # a straight side, then a quarter turn counter-clockwise; I and J lead from the arc's begin to its centre
+    # a straight side, then a counter-clockwise quarter circle; I and J are the vector from the arc's start to its centre
     sides = (
         (f"X{width - radius}Y0", f"X{width}Y{radius}I0J{radius}"),
         (f"X{width}Y{height - radius}", f"X{width - radius}Y{height}I-{radius}J0"),
@@ -120,8 +118,8 @@ def render_profile(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     )
     for line, arc in sides:
         gerber.add(f"{line}D01*")
-        # an arc of radius 0 would end where it begins, which is a full
-        # turn with G75; the mode goes back to linear for what follows
+        # an arc of radius 0 would end where it starts, which is a full
+        # circle with G75; afterwards the mode is linear again
         if radius:
             gerber.add("G03*", f"{arc}D01*", "G01*")
     for slot in drawing.slots_mm:

@@ -15,11 +15,11 @@ from tactape_fab.kit.profiles import X2Mode
 from tactape_fab.texture.frames import FloatArray, IntArray, to_nm
 
 _CHUNK = 20_000
-"""Flashes formatted at a time, which bounds memory whatever the number of parts."""
+"""Flashes formatted at a time, which bounds the memory."""
 
 
 class GerberText:
-    """Lines of one Gerber file, with its attributes in the mode the fab takes."""
+    """Lines of one Gerber file, with attributes in the mode that the fab accepts."""
 
     def __init__(self, project: Project, x2: X2Mode, file_function: str, polarity: str = "Positive") -> None:
         self._x2 = x2
@@ -46,7 +46,7 @@ class GerberText:
             self.add(f"G04 #@! {content}*")
 
     def attribute_line(self, content: str) -> str:
-        """An attribute as a line of a template, '' where attributes are off; ``%`` is doubled for formatting."""
+        """An attribute as a line of a %-format template, with ``%`` doubled; '' if attributes are off."""
         if self._x2 == "full":
             return f"%%{content}*%%\n"
         return f"G04 #@! {content}*\n" if self._x2 == "comments" else ""
@@ -67,21 +67,21 @@ class GerberText:
         """An outline macro and its aperture (Gerber 2024.05 section 4.5.1.6, primitive 4)."""
         closed = np.concatenate([vertices_mm, vertices_mm[:1]])
         points = ",\n".join(f"{x:.6f},{y:.6f}" for x, y in closed)
-        # a negative zero is no other number, but another text: equal outlines must be equal bytes
+        # negative zeros are removed, as equal outlines must be equal bytes
         self.add(f"%AM{name}*", f"4,1,{len(vertices_mm)},\n{points},\n0*%".replace("-0.000000", "0.000000"))
         return self._define(name, function)
 
     def _define(self, shape: str, function: str) -> str:
         code = f"D{self._next_aperture}"
         self._next_aperture += 1
-        # aperture attributes go before the definition that they belong to, and off again after it
+        # aperture attributes are set before the definition and deleted after it
         self._attribute(f"TA.AperFunction,{function}")
         self.add(f"%AD{code}{shape}*%")
         self.delete_attributes()
         return code
 
     def rows(self, template: str, values: IntArray) -> None:
-        """One `template` per row of `values`, in %-format, with its line feeds; no Python loop over rows."""
+        """Add the %-format `template`, which includes its line feeds, for each row of `values`; without a Python loop."""
         for start in range(0, len(values), _CHUNK):
             self._pieces.append(number_rows(template, values[start : start + _CHUNK]))
 
@@ -106,7 +106,7 @@ class GerberText:
         self.add(f"{texts[0]}D02*", *(f"{t}D01*" for t in texts[1:] + texts[:1] * closed))
 
     def data(self) -> bytes:
-        """The whole file with its signature (Gerber 2024.05 section 5.6.9: MD5 of all before it, line ends left out)."""
+        """The whole file with its .MD5 (Gerber 2024.05 section 5.6.9: of everything before it, without line ends)."""
         digest = hashlib.md5(usedforsecurity=False)
         for piece in self._pieces:
             digest.update(piece.replace(b"\n", b""))

@@ -11,7 +11,7 @@ from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.profiles import FabProfile, material_words
 
-# the job file's names of functions differ from those of X2 for mask, paste and profile
+# for mask, paste and profile the job file's names of functions differ from those of X2
 _FUNCTIONS = {
     "copper-top": ("Copper,L1,Top", "Positive"),
     "coverlay-top": ("SolderMask,Top", "Negative"),

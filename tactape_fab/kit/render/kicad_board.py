@@ -1,7 +1,7 @@
 """A KiCad board (.kicad_pcb, s-expression format 20211014 of KiCad 6) and its project with the fab's limits as design rules.
 
-It is for looking at, reviewing and extending the tape; what is ordered are the Gerber files. KiCad's y runs down: the board's
-lower-left corner is KiCad's auxiliary origin, from which its plots and placement files count.
+It is for viewing, reviewing and extending the tape; the Gerber files are what is ordered. KiCad's y points down: the board's
+lower-left corner is KiCad's auxiliary origin, the origin of its plots and placement files.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[LongArtifact, Artif
 def _board(drawing: Drawing) -> Iterator[bytes]:
     pieces = (_head, _footprints, _marks, _holes, _drawings, _copper)
     lines = chain(*(piece(drawing) for piece in pieces), [")"])
-    # pieces of a thousand lines: a board of 200,000 parts is never in memory as a whole
+    # in pieces of a thousand lines, so that a board of 200,000 parts is never in memory as a whole
     while some := list(islice(lines, _PIECE_LINES)):
         yield "\n".join([*some, ""]).encode("utf-8")
 
@@ -108,7 +108,7 @@ def _head(drawing: Drawing) -> list[str]:
 
 
 def _footprints(drawing: Drawing) -> Iterator[str]:
-    """A footprint for each part, in designator order; its shapes are those of the unturned part about its centre."""
+    """A footprint for each part, in designator order, with the shapes of the unrotated part about its centre."""
     first = 1
     for parts in drawing.parts:
         template = _footprint(drawing, parts)
@@ -119,15 +119,15 @@ def _footprints(drawing: Drawing) -> Iterator[str]:
 
 
 def _footprint(drawing: Drawing, parts: Parts) -> str:
-    """Text of a part's footprint in %-format, of its number, its place, and its number again.
+    """Text of a part's footprint in %-format; its arguments are the part's number, its place, and its number again.
 
-    The file holds it for every part: what KiCad fills in itself (identifiers of its shapes, a font for the hidden
-    value) or what the library has (its description) would more than double the file.
+    It is repeated for every part. Items that KiCad fills in itself (identifiers of shapes, a font of the hidden
+    value) or that the library has (the description) are left out, as they would more than double the file.
     """
     part, turn = drawing.part, _number(parts.rotation_deg)
     body, courtyard = part.body_mm, part.courtyard_mm
     lines = [
-        # KiCad wants an identifier for each footprint: the part's number in hexadecimal, so that the same board is the same bytes
+        # KiCad needs an identifier for each footprint: the part's number in hexadecimal, so that the file is reproducible
         f'  (footprint {_text(_for_format(f"tactape:{part.footprint}"))} (layer "F.Cu") (tstamp 00000000-0000-4000-8000-%011x0)',
         f"    (at %.10g %.10g {turn}) (attr smd)",
         _hidden_text("reference", "R%d", turn),
@@ -135,11 +135,11 @@ def _footprint(drawing: Drawing, parts: Parts) -> str:
         _rectangle(body[:2], "F.Fab", _FAB_LINE_MM, "none"),
         _rectangle(courtyard, "F.CrtYd", _COURTYARD_LINE_MM, "none"),
         *(_pad(number, "F.Cu", part.pads, turn, k) for k, number in enumerate("12")),
-        # paste in pads of their own without number: its openings are smaller than the lands, and lie elsewhere
+        # paste as separate pads without number, as its apertures have other sizes and places than the lands
         *(_pad("", "F.Paste", part.paste, turn, k) for k in range(2)),
     ]
     if parts.openings is not None:
-        # the mask's opening as a drawn rectangle: one for both pads, which a margin of the pads would not give
+        # the mask opening as a rectangle: one for both pads, which a mask margin of the pads cannot express
         lines.append(_rectangle(drawing.outlines.opening_size_mm, "F.Mask", 0.0, "solid"))
     return "\n".join([*lines, "  )"])
 
@@ -159,7 +159,7 @@ def _pad(number: str, layer: str, land: LandPattern, turn: str, k: int) -> str:
     x = -land.offset_mm if k == 0 else land.offset_mm
     # the corner's radius over the shorter side
     ratio = land.corner_radius_mm / min(land.size_mm)
-    # KiCad stores the angle of a pad as that on the board, the place as that in the footprint
+    # KiCad stores a pad's angle relative to the board, its place relative to the footprint
     shape = f"roundrect (at {_number(x)} 0 {turn})" if ratio > 0 else f"rect (at {_number(x)} 0 {turn})"
     corner = f" (roundrect_rratio {_number(ratio)})" if ratio > 0 else ""
     size = " ".join(_number(side) for side in land.size_mm)
@@ -183,10 +183,10 @@ def _holes(drawing: Drawing) -> Iterable[str]:
 
 
 def _marks(drawing: Drawing) -> Iterable[str]:
-    """Fiducials of the rails, bare copper in a wider opening."""
+    """Fiducials of the rails: bare copper in a wider mask opening."""
     if drawing.fiducials is None:
         return
-    # the mask's margin of the pad, and its clearance: no other copper may lie in the opening
+    # the mask margin, which is also the clearance, as no other copper may be in the opening
     margin = _number((drawing.fiducials.opening_mm - drawing.fiducials.copper_mm) / 2)
     lines = [
         '  (footprint "tactape:Fiducial" (layer "F.Cu") (tstamp {stamp:s}0)',
@@ -204,7 +204,7 @@ def _marks(drawing: Drawing) -> Iterable[str]:
         yield "\n".join(lines).format(n=n, x=x, y=y, size=size, margin=margin, stamp=stamp)
 
 
-# What is drawn on the board itself
+# Graphics of the board
 
 
 def _drawings(drawing: Drawing) -> Iterable[str]:
@@ -229,15 +229,15 @@ def _drawings(drawing: Drawing) -> Iterable[str]:
 
 
 def _edges(drawing: Drawing) -> Iterable[str]:
-    """The outline as lines and true arcs, and what is cut out of it as lines."""
+    """The outline as lines and true arcs, and the slots as lines."""
     (width, height), r = drawing.size_mm, drawing.corner_radius_mm
-    # of a quarter circle: the corner less r (1 - sqrt(1/2)) along both axes
+    # the middle of a quarter circle is r (1 - sqrt(1/2)) from the corner along both axes
     middle = r * (1.0 - sqrt(0.5))
     starts = [(r, 0.0), (width, r), (width - r, height), (0.0, height - r)]
     ends = [(width - r, 0.0), (width, height - r), (r, height), (0.0, r)]
     middles = [(width - middle, middle), (width - middle, height - middle), (middle, height - middle), (middle, middle)]
     end = f'(layer "Edge.Cuts") (width {_number(_EDGE_LINE_MM)}))'
-    # KiCad 6 gives an arc by start, middle and end; a side and the corner after it, counter-clockwise
+    # KiCad 6 defines an arc by start, middle and end; each side is followed by its corner, counter-clockwise
     for k in range(4):
         (a, b), (c, d), (e, f), (g, h) = _sheet(drawing, np.array([starts[k], ends[k], middles[k], starts[(k + 1) % 4]])).tolist()
         if abs(c - a) + abs(d - b) > 1e-6:  # a full-radius end has no side

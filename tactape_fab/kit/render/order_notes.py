@@ -1,4 +1,4 @@
-"""Order notes: what to type into the fab's form and to paste into its remarks, as text from the profile's template."""
+"""Order notes: values for the fab's order form and text for its remarks, from the profile's template."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from tactape_fab.kit.profiles import COSTS, Assumption, Ordering
 from tactape_fab.texture.cpl import PLACEMENTS
 
 LAMINATES = {"FR4": "FR-4"}
-"""What the forms of houses call a board's base."""
+"""Names of base materials in order forms, where they differ."""
 # 1 oz of copper on a square foot is about 35 um thick
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
 
 
 class _Row(str):
-    """A line that is laid out already."""
+    """A line that is already laid out."""
 
     __slots__ = ()
 
 
 def in_a_line(value: object) -> str:
-    """A text of a profile, which is the user's, on one line."""
+    """A value of a profile, which a user may have written, as text on one line."""
     return " ".join("".join(c if c.isprintable() else " " for c in str(value)).split())
 
 
 def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
-    """The notes of one order; for people, and never in the fab's zip."""
+    """The notes of one order, which are for the user and not in the fab's zip."""
     template = _environment(templates_folder() / "order").get_template(f"{facts.fab.order.template}.j2")
     text = template.render(
         f=facts,
@@ -52,7 +52,7 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
 
 
 def _figures(facts: OrderFacts) -> list[tuple[str, Assumption, str, str]]:
-    """Every figure of the estimate: its name, itself, what it is of, and its unit."""
+    """Every figure of the estimate: name, figure, the item that it applies to, and unit."""
     order = facts.fab.order
     of_costs = [(name, cost, COSTS[name], order.currency) for name, cost in order.costs.items()]
     others = [
@@ -70,10 +70,10 @@ def _money(currency: str, both: tuple[float, float]) -> str:
 
 
 def _reels(order: Ordering, parts: int) -> str:
-    """How many reels hold so many parts."""
+    """Text for the number of reels that hold the parts."""
     if order.reel is None:
         return ""
-    # the range of parts on a reel turned over: many on each, few reels
+    # the more parts are on a reel, the fewer reels are needed
     fewest, most = ceil(parts / order.reel.value), ceil(parts / max(order.reel.least, 1.0))
     return f"; {fewest} reel{'s' * (fewest > 1)}" if fewest == most else f"; {fewest} or {most} reels"
 
@@ -85,13 +85,13 @@ def _environment(folder: Path) -> Any:
 
     environment = Environment(
         loader=FileSystemLoader(folder),
-        # a name that a template misspells is an error, not a gap in the notes
+        # a misspelt name in a template is an error, not a gap in the notes
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,
-        # every value of a profile or a name comes from a user: it cannot break out of its line
+        # values of profiles and names come from a user, and must not contain line breaks
         finalize=lambda value: value if isinstance(value, _Row) else in_a_line(value),
     )
     environment.globals["row"] = lambda label, value: _Row(f"   {in_a_line(label):<34} {in_a_line(value)}")

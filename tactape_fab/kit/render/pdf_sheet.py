@@ -1,6 +1,6 @@
-"""A sheet of paper as PDF (ISO 32000-1): lines, outlines, texts, dimensions and tables in millimetres, by ReportLab.
+"""A PDF page (ISO 32000-1) with lines, outlines, texts, dimensions and tables in millimetres, by ReportLab.
 
-Fonts are embedded and dates fixed, so the same drawing has the same bytes.
+Fonts are embedded and dates fixed, so that equal drawings have equal bytes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ARROW_MM = 1.8
 _EXTENSION_MM = 1.0
 REGULAR, BOLD = "TactapeSans", "TactapeSans-Bold"
 _BASELINE = 0.35
-"""Half the height of capitals over the font size."""
+"""Half the cap height, as a fraction of the font size."""
 
 Point = tuple[float, float]
 Grey = float | tuple[float, float, float]
@@ -34,10 +34,10 @@ Grey = float | tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """A part of the drawing on the sheet.
+    """Mapping of a part of the board to the sheet.
 
     scale: Millimetres on paper for each millimetre of the board.
-    at_mm (x, y): Place on the sheet of the board's point `origin_mm`.
+    at_mm (x, y): Place of the board's point `origin_mm` on the sheet.
     """
 
     scale: float
@@ -61,7 +61,7 @@ class Sheet:
         width, height = (side * POINTS_PER_MM for side in size_mm)
         # invariant: no date and no random identifier of ReportLab's own
         self._canvas: Any = Canvas(self._bytes, pagesize=(width, height), invariant=1, pageCompression=1, initialFontName=REGULAR)
-        date = build_date()  # ReportLab would take the environment's, in the file's ID as well, also where a kit is made again
+        date = build_date()  # ReportLab would use the environment's, also in the file's ID, even if a kit is reproduced
         self._canvas._doc.signature = hashlib.md5(title.encode(), usedforsecurity=False)
         self._canvas.setDateFormatter(lambda *_: f"D:{date:%Y%m%d%H%M%S}+00'00'")
         self._canvas.setTitle(title)
@@ -71,7 +71,7 @@ class Sheet:
         self._canvas.setLineJoin(1)
 
     def pdf(self) -> bytes:
-        """The file, its page deflated but not in ASCII; nothing can be drawn after it."""
+        """The bytes of the file, its page deflated; nothing can be drawn afterwards."""
         from reportlab import rl_config
 
         self._canvas.showPage()
@@ -104,26 +104,26 @@ class Sheet:
         width_mm: float = 0.18,
         dash: Sequence[float] = (),
     ) -> None:
-        """Closed polygons in one path, each of shape (k, 2)."""
+        """Closed polygons as one path, each of shape (k, 2)."""
         self._paint(fill, stroke, width_mm, dash)
         self._path(outlines_mm, " h", stroke=stroke is not None, fill=fill is not None)
 
     def strokes(self, strokes_mm: Sequence[FloatArray], width_mm: float) -> None:
-        """Open lines in one path, each of shape (k, 2), with round ends."""
+        """Open polylines as one path, each of shape (k, 2), with round ends."""
         self._stroke(0.0, width_mm, ())
         self._canvas.setLineCap(1)
         self._path(strokes_mm, "", stroke=True, fill=False)
         self._canvas.setLineCap(0)
 
     def _path(self, lines_mm: Sequence[FloatArray] | FloatArray, end: str, *, stroke: bool, fill: bool) -> None:
-        """One path of polylines, written at once: ReportLab's own methods take 7 us for each point.
+        """One path of polylines, written at once, as ReportLab's own methods take 7 us per point.
 
-        The path's list of operators is not in ReportLab's public interface: pyproject.toml has an upper bound for it.
+        The path's list of operators is not part of ReportLab's public interface, so pyproject.toml bounds its version.
         """
         path = self._canvas.beginPath()
         if len(lines_mm):
             points = np.concatenate([np.asarray(line, dtype=float) for line in lines_mm])
-            # m begins a polyline, l draws on, h closes it (ISO 32000-1, operators of path construction)
+            # m moves, l draws a line, h closes the polyline (ISO 32000-1, path construction operators)
             form = " ".join("%.4f %.4f m" + " %.4f %.4f l" * (len(line) - 1) + end for line in lines_mm)
             path._code.append("n " + form % tuple(points.ravel().tolist()))
         self._canvas.drawPath(path, stroke=int(stroke), fill=int(fill))
@@ -157,7 +157,7 @@ class Sheet:
         align: str = "left",
         turn_deg: float = 0.0,
     ) -> None:
-        """One line of text; `at` is its left, middle or right end, at half the height of its capitals."""
+        """One line of text; `at` is its left end, middle or right end, at half the cap height."""
         self._canvas.saveState()
         self._canvas.translate(float(at[0]), float(at[1]))
         self._canvas.rotate(turn_deg)
@@ -172,7 +172,7 @@ class Sheet:
         self._canvas.restoreState()
 
     def lines_of_text(self, at: Point, words: Sequence[str], *, size_mm: float, width_mm: float) -> float:
-        """Paragraphs broken at `width_mm` and set from `at` downward; the height of the next line's place, mm."""
+        """Paragraphs wrapped at `width_mm` and set from `at` downward; returns y of the next line, mm."""
         from reportlab.lib.utils import simpleSplit
 
         y = at[1]
@@ -190,18 +190,18 @@ class Sheet:
         self.outlines([np.array([tip, *[(tip[0] - dx, tip[1] - dy) for dx, dy in ends]], dtype=float)], fill=0.0, stroke=None)
 
     def dimension(self, start: FloatArray, end: FloatArray, words: str, *, away_mm: float, size_mm: float = TEXT_MM) -> None:
-        """A dimension from `start` to `end` whose line lies `away_mm` to the left of that direction (ISO 129-1)."""
+        """A dimension from `start` to `end` whose line is `away_mm` to the left of that direction (ISO 129-1)."""
         along = np.asarray(end, dtype=float) - start
         length = hypot(*along)
         unit = along / length
         # to the left: the direction turned by 90 degrees
         across = np.array([-unit[1], unit[0]])
         first, second = start + across * away_mm, end + across * away_mm
-        # extension lines begin off the object and end past the dimension line
+        # extension lines begin off the object and end beyond the dimension line
         reach = across * np.sign(away_mm) * _EXTENSION_MM
         for point, tip in ((start, first), (end, second)):
             self.line(point + reach * 0.8, tip + reach, 0.1)
-        # where two arrowheads do not fit between the extension lines they stand outside and point inward
+        # if two arrowheads do not fit between the extension lines they are outside and point inward
         outside = length < 2.6 * ARROW_MM
         angle = atan2(unit[1], unit[0])
         self.arrow(first, angle if outside else angle + np.pi)
@@ -215,7 +215,7 @@ class Sheet:
         self.text((first + second) / 2 + upward * 0.75 * size_mm, words, size_mm=size_mm, align="middle", turn_deg=turn)
 
     def table(self, at: Point, rows: Sequence[Sequence[str]], widths_mm: Sequence[float], *, size_mm: float = TEXT_MM) -> float:
-        """Ruled rows from `at` (upper left corner) downward, cells broken to their columns; the lower edge's height, mm."""
+        """A ruled table from `at` (upper left corner) downward, with wrapped cells; returns y of its lower edge, mm."""
         from reportlab.lib.utils import simpleSplit
 
         y, right = at[1], at[0] + sum(widths_mm)
@@ -247,7 +247,7 @@ class Sheet:
 
 
 def written(words: str) -> str:
-    """Text in the characters that the embedded font has: the Greek capital delta as the sign of an increment (U+2206)."""
+    """Text in characters of the embedded font: the Greek capital delta is replaced by the increment sign (U+2206)."""
     _register_fonts()
     known = _font_characters()
     return "".join(c if ord(c) in known else "?" for c in words.replace("Δ", "∆"))
@@ -262,10 +262,10 @@ def _font_characters() -> frozenset[int]:
 
 @cache
 def _register_fonts() -> None:
-    """Bitstream Vera, which ReportLab brings; it may be embedded in any document."""
+    """Register Bitstream Vera, which comes with ReportLab and may be embedded in any document."""
     import reportlab
     from reportlab.pdfbase.pdfmetrics import registerFont
     from reportlab.pdfbase.ttfonts import TTFont
 
-    for name, file in ((REGULAR, "Vera.ttf"), (BOLD, "VeraBd.ttf")):  # by its path: else it first tries the name as a URL
+    for name, file in ((REGULAR, "Vera.ttf"), (BOLD, "VeraBd.ttf")):  # by path, as it first tries a name as a URL
         registerFont(TTFont(name, str(Path(reportlab.__file__).parent / "fonts" / file)))

@@ -1,6 +1,6 @@
-"""Placement preview: the first parts enlarged with pads, body, rotation and land 1, to hold beside the fab's own viewer.
+"""Placement preview: the first parts enlarged with pads, body, rotation and land 1, to compare with the fab's own viewer.
 
-It is drawn from the bytes of copper, coverlay, component layer and pick-and-place list, as that viewer draws it.
+It is drawn from the bytes of copper, coverlay, component layer and pick-and-place list, as in that viewer.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
 
 SHOWN_PITCHES = 3.6
-"""Side of the view in distances to the nearest part: three or four parts each way."""
+"""Side of the view, as a multiple of the distance to the nearest part: three or four parts along each axis."""
 _UNITS_PER_MM = 100.0
-"""Of the picture: fonts below a unit are drawn badly."""
+"""SVG units per mm: fonts smaller than one unit are drawn badly."""
 _BESIDE_MM = 1.0
 _TEXT_MM, _MARK_MM = 0.17, 0.07
 _TERMINAL_SHARE = 0.2
@@ -30,21 +30,21 @@ _INK, _MARK = "#1a1a1a", "#c00000"
 
 
 def render_placement_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[Artifact]:
-    """The picture of a tape or a panel, from the files already rendered."""
+    """The picture of a tape or a panel, from the rendered files."""
     files = {artifact.role: artifact.data for artifact in artifacts if isinstance(artifact, Artifact)}
     cpl = read_cpl(files["cpl"])
     copper, coverlay = read_shapes(files["copper-top"]), read_shapes(files["coverlay-top"])
-    # the nearest part to the first gives the scale, as the files name no pitch; a single part is shown 2 mm wide
+    # the distance to the nearest part gives the scale, as the files do not contain the pitch; a single part is shown 2 mm wide
     away = np.hypot(*(cpl.xy_mm - cpl.xy_mm[0]).T)
     pitch_mm = float(away[away > 0.0].min(initial=np.inf)) if len(away) > 1 else 2.0
     side_mm = SHOWN_PITCHES * min(pitch_mm, 20.0)
-    # the first part is the upper left one, of a tape that lies turned the lower left one: the view reaches three quarters of a
-    # pitch beyond it to the left, and above or below
+    # the first part is the upper left one, on a turned tape the lower left one: the view extends three quarters of a pitch beyond
+    # it to the left, and above or below
     around = cpl.xy_mm - cpl.xy_mm[0]
     rises = around[(np.abs(around) < side_mm).all(axis=1), 1].sum() > 0.0
     low = cpl.xy_mm[0] + np.array([-0.75 * pitch_mm, -0.75 * pitch_mm if rises else 0.75 * pitch_mm - side_mm])
     high = low + side_mm
-    # a part whose centre is a little outside may reach into view
+    # a part whose centre is slightly outside may extend into the view
     shown = np.flatnonzero(((cpl.xy_mm > low - _BESIDE_MM) & (cpl.xy_mm < high + _BESIDE_MM)).all(axis=1))
     body = np.array(first_body_mm(files["components-top"]))
     film, _ = COVERLAY_COLOURS[fab.coverlay_colour]
@@ -114,7 +114,7 @@ def _words(xy_mm: FloatArray, text: str, colour: str) -> str:
 
 
 def _part(centre: FloatArray, rotation_deg: float, name: str, body: FloatArray) -> list[str]:
-    """Body with its terminals, a mark on land 1, and the designator."""
+    """A part's body with terminals, a mark on land 1, and the designator."""
     half = body / 2
     corners = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
     inner = half[0] * (1 - 2 * _TERMINAL_SHARE)

@@ -1,4 +1,4 @@
-"""Previews of a tape or a panel, drawn from the bytes of the other files: Gerber, drill, and CPL."""
+"""Previews of a tape or a panel, drawn from the bytes of the other files: Gerber, drill and CPL."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ EDGE_MM = 0.1
 _TERMINAL_SHARE = 0.2
 _SUB_PIXEL_BITS = 4
 _PIECE_STAMPS = 5000
-"""Places that are drawn or written at once: bounds the memory."""
+"""Places that are drawn or written at once, which bounds the memory."""
 
 _BACKGROUND = "#ffffff"
 _RIM_MM = 0.3
@@ -46,7 +46,7 @@ _RIM_MM = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Shapes:
-    """One colour of the picture: an outline repeated at many places, or single polygons, or lines (board frame, mm)."""
+    """Shapes of one colour: an outline repeated at many places, single polygons, or strokes (board frame, mm)."""
 
     name: str
     colour: Colour
@@ -65,8 +65,8 @@ def stamps(content: GerberShapes) -> tuple[tuple[FloatArray, FloatArray], ...]:
 
 
 def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes], FloatArray]:
-    """All shapes from the film upward, and the board's outline."""
-    # the outline is written first in the profile layer
+    """All shapes in drawing order, and the board's outline."""
+    # the outline is the first contour of the profile layer
     outline, *slots = read_shapes(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[fab.coverlay_colour]
     openings, copper = read_shapes(files["coverlay-top"]), read_shapes(files["copper-top"])
@@ -101,9 +101,9 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
 
 
 def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
-    """Stiffener and adhesive under the film, drawn as rims around it, the one farthest from the film widest."""
+    """Stiffener and adhesive under the film, drawn as rims around it; the lowest layer has the widest rim."""
     given = [role for role in ("adhesive-bottom", "stiffener-bottom") if role in files]
-    # from the lowest up: the adhesive is drawn first, and its wider rim shows round the stiffener
+    # from the lowest layer up: the adhesive is drawn first, and its wider rim shows around the stiffener
     for place, role in enumerate(given):
         rim_mm = _RIM_MM * (len(given) - place)
         areas = read_shapes(files[role]).areas_mm
@@ -111,7 +111,7 @@ def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
 
 
 def body_outline(components: bytes) -> FloatArray:
-    """The unturned body as a rectangle, from the first part of the component layer; the others are not read."""
+    """The unrotated body as a rectangle, from the first part of the component layer; other parts are not read."""
     length, width = (side / 2 for side in first_body_mm(components))
     return np.array([(length, -width), (length, width), (-length, width), (-length, -width)])
 
@@ -127,8 +127,8 @@ def terminals_of(body: FloatArray) -> tuple[FloatArray, FloatArray]:
 def render_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[LongArtifact, Artifact]:
     """SVG and PNG pictures of the finished tape.
 
-    artifacts: The files already rendered; only their bytes are looked at.
-    fab: Colours of coverlay and legend.
+    artifacts: The rendered files; only their bytes are used.
+    fab: Gives the colours of coverlay and legend.
     """
     files = {a.role: a.data for a in artifacts if isinstance(a, Artifact)}
     name = next(a.path for a in artifacts if a.role == "cpl").rsplit("/", 1)[-1].removesuffix("-cpl.csv")
@@ -144,7 +144,7 @@ def render_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[L
 
 
 def _down(xy_mm: FloatArray) -> FloatArray:
-    """Board points with y down, as SVG counts it."""
+    """Board points with y down, as in SVG."""
     return board_to_texture(xy_mm, (0.0, 0.0))
 
 
@@ -201,13 +201,13 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     import cv2
 
     extent_mm = size_mm + 2 * MARGIN_MM
-    # a picture of at most 6000 px is scaled down, and a large one is not oversampled beyond that either
+    # the picture has at most `MOST_PX` along a side, and so has its oversampled image
     px_per_mm = min(PX_PER_MM, MOST_PX / float(extent_mm.max()))
     finer = max(1, min(OVERSAMPLING, int(MOST_PX / (float(extent_mm.max()) * px_per_mm))))
     width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
     image = np.empty((height * finer, width * finer, 3), dtype=np.uint8)
     cv2.rectangle(image, (0, 0), (width * finer, height * finer), _bgr(_BACKGROUND), cv2.FILLED)  # np.full is slow
-    # OpenCV takes coordinates in 1/16 px with `shift` 4; LINE_8 at three times the size and INTER_AREA make edges soft
+    # OpenCV takes coordinates in 1/16 px with `shift` 4; oversampling and INTER_AREA antialias the edges
     one = 1 << _SUB_PIXEL_BITS
 
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
@@ -235,7 +235,7 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     if finer > 1:
         image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     settings = [cv2.IMWRITE_PNG_COMPRESSION, 3]
-    if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in older OpenCV; even areas come out smaller, and in a third of the time
+    if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in older OpenCV; makes files smaller, and takes a third of the time
         settings += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
     written, data = cv2.imencode(".png", image, settings)
     if not written:

@@ -1,4 +1,4 @@
-"""Assets for simulators: the tape as a body in MJCF, URDF and USD, its mesh, its heightfield and normal map."""
+"""Assets for simulators: the tape as a body in MJCF, URDF and USD, its mesh, heightfield and normal map."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROLE = "sim"
 _COLOUR_PX_PER_MM, _MOST_COLOUR_PX = 20.0, 4096
 _MOST_NORMAL_PX = 4_000_000
 _TERMINAL_SHARE = 0.25
-"""Part of a chip's length that each of its terminals takes (0201: 0.15 of 0.6 mm)."""
+"""Length of a terminal as a fraction of the chip's length (0201: 0.15 of 0.6 mm)."""
 
 Picture = npt.NDArray[np.uint8]
 
@@ -39,7 +39,7 @@ def render_sim(tape: Tape, form: SolidForm | None, fab: FabProfile | None) -> li
     relief, smooth = relief_of(tape), relief_of(tape, _MOST_NORMAL_PX)
     colour = None if fab is None else png_bytes(film_picture(tape, fab))
     normal = png_bytes(smooth.normals())
-    # PNG's pHYs counts pixels a metre
+    # PNG's pHYs is in pixels per metre
     px_per_m = round(1000 * relief.px_per_mm)
     facts = {
         "units": {"length": "m", "mass": "kg"},
@@ -89,7 +89,7 @@ def _artifacts(name: str, files: list[tuple[str, bytes | None]]) -> list[Artifac
 
 
 def film_picture(tape: Tape, fab: FabProfile) -> Picture:
-    """Colours of a film with its parts and its tag, seen from above; (h, w, 3), row 0 at the upper edge."""
+    """Colour picture of a film with its parts and tag, seen from above; (h, w, 3), row 0 at the upper edge."""
     width_mm, height_mm = tape.board.size_mm
     px_per_mm = min(_COLOUR_PX_PER_MM, _MOST_COLOUR_PX / max(width_mm, height_mm))
     shape = ceil(height_mm * px_per_mm), ceil(width_mm * px_per_mm)
@@ -97,9 +97,9 @@ def film_picture(tape: Tape, fab: FabProfile) -> Picture:
     picture[:] = rgb8(COVERLAY_COLOURS[fab.coverlay_colour][0])
     half_mm = tape.part.body_mm[0] * (0.5 - _TERMINAL_SHARE)
     for v, u, offset_mm in stamps(tape, px_per_mm, shape):
-        # pixels that a body's foot covers
+        # pixels covered by a body's foot
         on = element_height_mm(tape.part, offset_mm) > 0
-        # along the part in its own frame: beyond this a terminal
+        # coordinate along the part in its own frame: beyond this is a terminal
         end = np.abs(rotate(offset_mm[on], -tape.part.rotation_deg)[:, 0]) > half_mm
         picture[v[on], u[on]] = np.where(end[:, None], rgb8(TERMINAL), rgb8(BODY))
     if tape.tag is not None:
@@ -108,10 +108,10 @@ def film_picture(tape: Tape, fab: FabProfile) -> Picture:
 
 
 def _print_tag(picture: Picture, tag: Tag, px_per_mm: float, height_mm: float, fab: FabProfile) -> None:
-    """The tag's ink: its light cells where the legend is white, its dark ones where it is black."""
+    """Draw the tag's ink: its light cells with a white legend, its dark ones with a black legend."""
     v, u = np.mgrid[: picture.shape[0], : picture.shape[1]]
     board: FloatArray = np.stack([(u + 0.5) / px_per_mm, height_mm - (v + 0.5) / px_per_mm], axis=2)
-    # board to tag: turned back, in cells, rows down from the upper edge, the origin from the centre to the corner
+    # from board to tag: rotated back, in cells, y down, with the origin moved from the centre to the corner
     cell = rotate(board - tag.center_mm, -tag.rotation_deg) / tag.cell_mm * (1, -1) + SIDE_CELLS / 2
     on = ((cell >= 0) & (cell < SIDE_CELLS)).all(axis=2)
     column, row = cell[on].astype(np.int64).T

@@ -18,7 +18,7 @@ from tactape_fab.texture.tape import Tape
 
 
 def render_assembly(tape: Tape, fab: FabProfile) -> LongArtifact:
-    """The film with every part as an occurrence of its own, named by its designator."""
+    """The film with every part as an occurrence named by its designator."""
     pieces = partial(
         assembly_step_chunks,
         tape,
@@ -31,7 +31,7 @@ def render_assembly(tape: Tape, fab: FabProfile) -> LongArtifact:
 
 
 def render_solid(tape: Tape, form: SolidForm) -> list[AnyArtifact]:
-    """The texture, or its mould, as one solid: exact for CAD and milling, as a mesh for printing."""
+    """The texture, or its mould, as one solid: as an exact B-rep for CAD and milling, and as a mesh for printing."""
     title = f"{tape.name} mould" if form.negative else tape.name
     colour = rgb(MOULD if form.negative else TEXTURE)
     metadata = {

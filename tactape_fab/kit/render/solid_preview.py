@@ -1,4 +1,4 @@
-"""Previews of a texture of solid elements, drawn from the bytes of its STL file: a shaded picture, and its feet as a drawing."""
+"""Previews of a texture of solid elements, drawn from the bytes of its STL file: a shaded picture, and a drawing of the feet."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MARGIN_MM = 2.0
 EDGE_MM = 0.1
 FOOT_MM = 0.03
 _LEVEL_MM = 0.02
-"""Tolerance within which a vertex counts as on the surface, mm, in a mesh of single precision."""
+"""Tolerance within which a vertex of the single-precision mesh counts as on the surface, mm."""
 _ELEMENT = "#59616b"
 
 View = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -32,9 +32,9 @@ View = tuple[tuple[float, float, float], tuple[float, float, float]]
 def render_solid_preview(models: Iterable[AnyArtifact], tape: Tape, form: SolidForm) -> tuple[Artifact, Artifact]:
     """SVG and PNG pictures of a solid.
 
-    models: With the STL; only its bytes are drawn.
-    tape: Names the files; its element's height tells elements from base.
-    form: Where the surface is: flat or on a cylinder, upward or turned over.
+    models: The models, of which the bytes of the STL are drawn.
+    tape: Gives the files' name, and the elements' height, which distinguishes elements from base.
+    form: Form of the surface: flat or on a cylinder, facing up or turned over.
     """
     mesh = read_stl(next(a.data for a in models if a.role == "stl"))
     colour = MOULD if form.negative else TEXTURE
@@ -49,27 +49,27 @@ def render_solid_preview(models: Iterable[AnyArtifact], tape: Tape, form: SolidF
 
 
 def _view(cylinder: Cylinder | None) -> View:
-    """From where a solid is looked at, and what is up."""
+    """Direction from which a solid is seen, and the up vector."""
     if cylinder is None:
         return (0.0, -0.5, 1.0), (0.0, 1.0, 0.0)
     return ((-0.45, -0.75, 0.75) if cylinder.around == "x" else (-0.75, -0.45, 0.75)), (0.0, 0.0, 1.0)
 
 
-# Drawing: the feet of elements and the outline, developed flat
+# Drawing: feet of elements and outline, developed into the plane
 
 
 def _drawing(mesh: Mesh, tape: Tape, form: SolidForm) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Loops of the outline (holes too) and of the elements' feet as seen from above, y up; mm."""
+    """Loops of the outline, with holes, and of the elements' feet as seen from above, y up; mm."""
     height_mm = tape.part.body_mm[2]
     flat = unwrapped(mesh.vertices_mm, tape, form)
     level = flat[:, 2][mesh.faces]
     # level: heights of each triangle's corners over the surface, shape (m, 3). Back and sides of a mould, which is turned over,
-    # reach to height + base: they are no element
+    # extend to height + base, and are not elements
     below_base = level.max(axis=1) < height_mm + form.base_mm / 2
-    # an element's triangles rise above the surface somewhere and go nowhere below it, within the rounding of single precision
+    # an element's triangles have a vertex above the surface and none below it, within the rounding of single precision
     element = below_base & (level.max(axis=1) > min(_LEVEL_MM, height_mm / 2)) & (level.min(axis=1) > -_LEVEL_MM)
     low = flat[:, 2] < _LEVEL_MM
-    # x and y of the developed surface as seen from above: a mould is turned over, which mirrors it
+    # x and y of the developed surface as seen from above; turning over a mould mirrors them
     seen = flat[:, :2] @ world(form)[:2, :2].T
     feet = [seen[loop] for loop in boundary_loops(mesh.faces[element], low)]
     if form.cylinder is not None:
@@ -80,17 +80,17 @@ def _drawing(mesh: Mesh, tape: Tape, form: SolidForm) -> tuple[list[FloatArray],
 
 
 def boundary_loops(faces: IntArray, among: BoolArray) -> list[IntArray]:
-    """Closed loops round some faces of a closed mesh, in the faces' own sense, along the vertices marked in `among`."""
+    """Boundary loops of some faces of a closed mesh, oriented as the faces, along the vertices marked in `among`."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     between = among[start] & among[end]
     start, end = start[between], end[between]
-    # an edge as one number, smaller vertex first: both directions of an edge are then equal
+    # an edge as one number, smaller vertex first, so that both directions of an edge are equal
     edge = np.minimum(start, end) << 32 | np.maximum(start, end)
     order = np.argsort(edge)
-    # in sorted order an edge is single where it differs from the one before and from the one after
+    # in sorted order an edge is a boundary edge if it differs from both neighbours
     apart = np.concatenate([[True], np.diff(edge[order]) != 0, [True]])
     outer = order[apart[1:] & apart[:-1]]  # edges of one face only
-    # faces keep one sense, so that each boundary vertex has one successor
+    # faces are consistently oriented, so that each boundary vertex has one successor
     following = dict(zip(start[outer].tolist(), end[outer].tolist(), strict=True))
     loops = []
     while following:

@@ -48,7 +48,7 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
 
 
 def _other_fab(spec: TapeSpec, part: PartProfile, mode: str) -> str:
-    """A fab that opens its coverlay in this way, with W and Δ where they must change; "" if there is none."""
+    """Options for a fab that has this coverlay mode, with W and Δ if they must change; "" if there is none."""
     name = {"lpi": "generic-lpi", "per-part": "generic-fpc"}.get(mode)
     if name is None:
         return ""
@@ -61,7 +61,7 @@ def _other_fab(spec: TapeSpec, part: PartProfile, mode: str) -> str:
 
 
 def fab_for(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> FabProfile:
-    """The fab with its coverlay opened as requested, or in its first legal way."""
+    """The fab profile in the requested coverlay mode, or in the first one that is legal."""
     return fab.in_mode(spec.coverlay or first_legal(_modes(spec, fab, part), fab))  # type: ignore[arg-type]
 
 
@@ -77,7 +77,7 @@ def _modes(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> tuple[Mode, ..
 
 
 def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Finding]:
-    """Every rule of this module, measured; legal ways and their limits as findings of level info."""
+    """Every rule of this module, measured; coverlay modes and anchors that are not in use are findings of level info."""
     modes = _modes(spec, fab, layout.part)
     anchors = anchor_modes(fab, layout.outlines, layout.part.pads, layout.tape)
     return [
@@ -90,7 +90,7 @@ def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Findi
 
 
 def _of_mode(mode: Mode, what: str, pitch_mm: float, remedy: str) -> Finding:
-    """A way as a finding: the tape's W, and the least legal W."""
+    """Finding of a coverlay or anchor mode: its value is the tape's W, its limit the least legal W."""
     verdict = "legal" if mode.legal else "not legal"
     return Finding(
         rule=f"{what}-{mode.name}",
@@ -103,7 +103,7 @@ def _of_mode(mode: Mode, what: str, pitch_mm: float, remedy: str) -> Finding:
 
 
 def _mode_remedy(mode: Mode, part: PartProfile, spec: TapeSpec, fab: FabProfile) -> str:
-    """Options by which the coverlay is opened in a way that is not legal as it is; "" if there are none."""
+    """Options that make a coverlay mode legal; "" if there are none."""
     if mode.name not in fab.coverlay_modes:
         return _other_fab(spec, part, mode.name)
     if mode.least_pitch_mm is None:
@@ -161,7 +161,7 @@ def _anchors(anchors: Sequence[Mode], layout: Layout, spec: TapeSpec, fab: FabPr
 
 
 def _anchor_remedy(name: str, part: PartProfile, spec: TapeSpec, fab: FabProfile) -> str:
-    """Options by which pads are held by this anchor; "" if there are none."""
+    """Options that make an anchor mode legal; "" if there are none."""
     if spec.coverlay == "gang" or fab.coverlay_modes[0] == "gang" or not _large_openings(part, fab):
         return ""
     with_it = (
@@ -194,9 +194,9 @@ def _anchor_gap(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
 
 
 def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
-    """Legend and stencil."""
+    """Findings of legend and stencil."""
     if layout.tape.tag is not None:
-        # ink spreads over each edge by bleed_mm: a free cell between two inked ones keeps cell - 2 bleed
+        # ink bleeds over each edge by bleed_mm: a free cell between two inked ones keeps cell - 2 bleed
         ink_mm, origin = layout.tape.tag.cell_mm - 2 * fab.legend.bleed_mm, fab.legend.origin
         passed = ink_mm >= fab.legend.line_mm - TOLERANCE_MM
         message = f"narrowest ink of the tag {ink_mm:.3f} mm {'meets' if passed else 'is below'} {fab.legend.line_mm:.3f} mm"
@@ -214,7 +214,7 @@ def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]
 
 
 def _cell_options(layout: Layout, spec: TapeSpec, fab: FabProfile) -> str:
-    """A cell of the tag that is wide enough, and the outline that its strip needs."""
+    """Options for a tag cell that is wide enough, and for the outline that its strip needs."""
     # rounded before ceil, as a sum of decimals may lie just above the next micrometre
     cell_mm = ceil(round((fab.legend.line_mm + 2 * fab.legend.bleed_mm) * 1000, 3)) / 1000
     size_mm = film_size_mm(spec.but(tag_cell_mm=cell_mm), fab, layout.part)
@@ -248,13 +248,13 @@ def _other_part(spec: TapeSpec, fab: FabProfile, fits: Callable[[PartProfile], b
 
 
 def _area_ratio(outline: FloatArray, fab: FabProfile) -> float:
-    # IPC-7525: area of the opening over that of its walls, perimeter times thickness; where it is small paste stays in it
+    # IPC-7525 area ratio: aperture area over wall area (perimeter times thickness); if it is small, paste is not released
     around = sum(hypot(*(b - a)) for a, b in zip(outline, [*outline[1:], outline[0]], strict=True))
     return float(area_mm2(outline) / (around * fab.stencil.thickness_mm))
 
 
 def _paste_ratio(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
-    """Check the area ratio of a stencil aperture: its area over that of its walls."""
+    """Check the area ratio of a stencil aperture."""
     rules = fab.stencil
     ratio = _area_ratio(layout.outlines.paste, fab)
 
@@ -276,7 +276,7 @@ def _paste_ratio(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
 
 
 def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile, what: str = "tape") -> Iterator[Finding]:
-    """Check the number of parts, and whether the ordered item, a tape or a panel, is large enough for the line."""
+    """Check the number of parts, and whether the assembly line accepts the size of the ordered item, a tape or a panel."""
     most = fab.parts.most
     few = count <= most
     yield Finding(
@@ -289,12 +289,12 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
         **cited(fab.parts.origin),
         message=f"{count} parts" + ("" if few else f", more than {most}: ask {fab.name} whether they take so many"),
     )
-    # a board may be turned on the line: the longer side is held against the longer limit
+    # a board may be turned on the line, so the longer side is compared with the longer limit
     size_mm, panel = sorted(board_mm, reverse=True), fab.panel
     too_short = [side < least - TOLERANCE_MM for side, least in zip(size_mm, panel.smallest_mm, strict=True)]
     too_long = [side > most_mm + TOLERANCE_MM for side, most_mm in zip(size_mm, panel.largest_mm, strict=True)]
     small, large = any(too_short), any(too_long)
-    # the side that is too long, else the one that is too short; of two the longer and the shorter one
+    # the side that is too long, else the one that is too short; if both are, the longer or the shorter one
     side = too_long.index(True) if large else (0 if too_short == [True, False] else 1)
     said = f"assembly takes {panel.smallest_mm[0]:g} x {panel.smallest_mm[1]:g} to {panel.largest_mm[0]:g} x "
     said += f"{panel.largest_mm[1]:g} mm; the {what} is {board_mm[0]:g} x {board_mm[1]:g} mm"
@@ -311,9 +311,9 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
 
 
 def _size_remedy(size_mm: Sequence[float], level: bool, fab: FabProfile, *, small: bool, large: bool) -> str:
-    """Remedy for an item that assembly does not take: a panel where it fits on one with its rails, else a smaller size."""
+    """Remedy for an item that assembly does not accept: a panel if the item fits on one with its rails, else another size."""
     panel = fab.panel
-    # two rails and the slots beside them: the panel of a single tape
+    # the panel of a single tape adds two rails and two slots
     around_mm = 2 * (panel.rail_mm + panel.gap_mm)
     room_mm = [most - around_mm for most in fab.largest_panel_mm]
     fits = all(side <= most + TOLERANCE_MM for side, most in zip(size_mm, room_mm, strict=True))
@@ -330,7 +330,7 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
     if spec.bend_radius_mm is None or fab.bend is None:
         return
     backings = [float(backing.split()[1]) for backing in (spec.stiffener, spec.adhesive) if backing is not None]
-    # the profile's ratio is of everything that bends together, stiffener and adhesive included
+    # the profile's ratio applies to the total thickness that is bent, with stiffener and adhesive
     thick_mm = fab.material.thickness_mm + sum(backings)
     least_mm = fab.bend.least_thicknesses * thick_mm
     passed = spec.bend_radius_mm >= least_mm - TOLERANCE_MM
@@ -343,12 +343,12 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
         value=spec.bend_radius_mm,
         limit=least_mm,
         **cited(fab.bend.origin),
-        # rounded up to a micrometre, so that the figure meets the limit as typed
+        # rounded up to a micrometre, so that the typed value meets the limit
         message=said if passed else f"{said}; bend it less, --bend-radius {ceil(least_mm * 1000 - 1e-6) / 1000:g}",
     )
-    # the body is stiff along the axis that goes round, over its whole extent in that direction
+    # the rigid body is a chord of its whole extent along the bent axis
     stiff_mm = 2 * reach_mm(layout.outlines.body)["xy".index(str(spec.bend_axis))]
-    # sagitta of a chord s of radius R: R - sqrt(R^2 - s^2/4) = s^2 / (8 R), short of the truth by the share s^2 / (16 R^2)
+    # sagitta of a chord s at radius R: R - sqrt(R^2 - s^2/4), about s^2 / (8 R) with a relative error of s^2 / (16 R^2)
     sag_mm = stiff_mm**2 / (8 * spec.bend_radius_mm)
     message = f"under a body, {stiff_mm:.2f} mm along {spec.bend_axis}, the film would bow by {sag_mm * 1000:.1f} um"
     yield Finding(rule="bend-part", level="info", passed=True, value=sag_mm, message=message)

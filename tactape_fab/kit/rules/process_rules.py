@@ -34,13 +34,13 @@ from tactape_fab.texture.tape import Tape
 
 Part = PartProfile | ElementProfile
 _DIAMETERS_A_HEIGHT = 2.2
-"""Least diameter of a cap, in heights, that a remedy names: a cap is lower than its radius."""
+"""Least diameter of a cap in a remedy, as a multiple of its height: a cap must be lower than its radius."""
 
 
 def check_models(tape: Tape, form: SolidForm, process: ProcessProfile, spec: TapeSpec, part: Part) -> list[Finding]:
     """Measure elements, gaps, height and base of a tape's solid models against a process.
 
-    In a mould the cavities are the gaps, and the walls between them are the features.
+    In a mould the cavities are gaps, and the walls between them are features.
     """
     return list(_model_rules(tape, form, process, _Remedies(spec=spec, process=process, part=part)))
 
@@ -62,7 +62,7 @@ def check_texture(tape: Tape, form: SolidForm, process: ProcessProfile, spec: Ta
 
 
 def _mark_rule(tape: Tape, form: SolidForm) -> Finding:
-    """Rule of the mark in the back: its text, or why there is none."""
+    """Finding of the mark in the back: its text, or the reason why there is none."""
     mark = mark_of(tape, form)
     if mark is None:
         message = f"the back has no place for figures of {LEAST_CELL_MM:g} mm strokes: write the sector on it by hand"
@@ -76,7 +76,7 @@ def _mark_rule(tape: Tape, form: SolidForm) -> Finding:
 def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies: _Remedies) -> Iterator[Finding]:
     width_mm, between = narrowest_mm(tape.part), _between_elements(tape)
     width: Measured = (width_mm, None)
-    # in a mould material and air change places: an element's width is a cavity's, and the gap between elements a wall's
+    # in a mould solid and void are exchanged: an element's width is that of a cavity, and the gap between elements that of a wall
     of_width, of_gap = ("gap", "feature") if form.negative else ("feature", "gap")
     narrow, wall = ("width of a cavity", "wall between two cavities") if form.negative else ("width of an element", "")
     findings = {
@@ -85,7 +85,7 @@ def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies:
     if between is not None:
         what = f"narrowest {wall}" if wall else "gap between two elements"
         findings[of_gap] = finding(process, of_gap, between, what, remedies.of(of_gap, between[0], remedies.apart))
-    # the process's rules come in one order, whichever way round they are measured
+    # the order of the rules is the same for texture and mould
     yield from (findings[rule] for rule in ("feature", "gap") if rule in findings)
     what = "depth of a cavity" if form.negative else "height of an element"
     height_mm = tape.part.body_mm[2]
@@ -96,17 +96,17 @@ def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Remedies:
-    """Options to type where an element is too narrow, too low, or too near to another."""
+    """Options to type if an element is too narrow, too low, or too near to another."""
 
     spec: TapeSpec
     process: ProcessProfile
     part: Part
 
     def of(self, rule: str, value_mm: float, found: Callable[[float], str]) -> Remedies:
-        """Remedy of a rule: the options that are found for its limit, or another process that makes it as it is."""
+        """Remedy of a rule: the options that `found` gives for its limit, or another process that can make the tape."""
 
         def words(limit_mm: float) -> str:
-            # another process has other limits for holes, and might refuse the tape for these
+            # with holes no process is proposed, as its limits for holes differ and might be broken
             others = [] if self.spec.holes_mm else map(load_process, profile_names("processes"))
             ways = [found(limit_mm)] + [
                 f"--process {other.name}"
@@ -118,7 +118,7 @@ class _Remedies:
         return words
 
     def apart(self, limit_mm: float) -> str:
-        """W and Δ at which the feet of two elements are so far apart."""
+        """W and Δ at which the feet of any two elements are at least `limit_mm` apart."""
         return self._apart(self.part, limit_mm).words().removeprefix("use ")
 
     def _apart(self, part: Part, limit_mm: float) -> Remedy:
@@ -126,14 +126,14 @@ class _Remedies:
             return texture_remedy(self.spec, self.process, part, limit_mm)
         fab = load_fab(str(self.spec.fab))
         fab = fab if self.spec.coverlay is None else fab.in_mode(cast(CoverlayMode, self.spec.coverlay))
-        # the models show a chip's nominal body as a block: its gap is reckoned like an element's
+        # in the models a chip is a block of its nominal size, so its gap is computed as for an element
         body = ElementProfile(
             name=part.name, shape=part.shape, description="", body_mm=part.body_mm, body_tolerance_mm=0.0, top_mm=None
         )
         return film_remedy(self.spec, fab, part, more=[lambda placing: element_pitch_mm(limit_mm, body, placing)])
 
     def width(self, limit_mm: float) -> str:
-        """A wider element, and the W and Δ that it needs."""
+        """Options for a wider element, and for the W and Δ that it needs."""
         if not isinstance(self.part, ElementProfile):
             return ""
         length_mm, width_mm, height_mm = self.part.body_mm
@@ -142,12 +142,12 @@ class _Remedies:
             return self._with(replace(self.part, body_mm=(max(length_mm, limit_mm), max(width_mm, limit_mm), height_mm)))
         if top_mm is None:
             return self._with(replace(self.part, body_mm=(limit_mm, limit_mm, height_mm)))
-        # a truncated cone keeps its slope: the foot grows by as much as the top
+        # a truncated cone keeps its slope, so its foot grows as much as its top
         foot_mm = round(max(length_mm, limit_mm + length_mm - top_mm), 6)
         return self._with(replace(self.part, body_mm=(foot_mm, foot_mm, height_mm), top_mm=limit_mm))
 
     def height(self, limit_mm: float) -> str:
-        """A higher element: a cap as wide as its height asks for."""
+        """Options for a higher element; a cap is made as wide as its height needs."""
         if not isinstance(self.part, ElementProfile):
             return ""
         length_mm, width_mm, _ = self.part.body_mm
@@ -157,7 +157,7 @@ class _Remedies:
 
     def _with(self, part: ElementProfile) -> str:
         limit = self.process.limits["feature" if self.spec.negative else "gap"]
-        # the other rule of the pair has to hold as well once the element is wider
+        # a wider element must meet the gap rule as well
         options = self._apart(part, max(limit.value_mm, limit.warn_mm or 0.0)).options()
         if options is None:
             return ""
@@ -167,8 +167,8 @@ class _Remedies:
 
 
 def _between_elements(tape: Tape) -> Measured | None:
-    """Least gap between the feet of two elements, mm; None if no two are near each other."""
+    """Least gap between the feet of two elements, mm, and its place; None if no two are near each other."""
     foot = element_outline(tape.part.shape, tape.part.body_mm, tape.part.rotation_deg)
-    # two pitches beyond the feet: some neighbour is found even where every gap is wide, and the gap can be told
+    # two pitches beyond the feet, so that a neighbour is found even if every gap is wide
     shifts, places = neighbours(tape, 2 * float(np.hypot(*reach_mm(foot))) + 2 * tape.pitch_mm)
     return worst_at(gap_mm(foot, shifts), places) if len(shifts) else None

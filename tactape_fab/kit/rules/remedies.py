@@ -1,7 +1,7 @@
-"""Remedies that work as typed: the least W, at a Δ that is named with it, at which rules of a film or a texture hold.
+"""Remedies that work as typed: the least W, together with a Δ, at which rules of a film or a texture hold.
 
-Δ stays as it is: what tells a symbol from another is Δ against the error of a dot, whatever W is. Left out of a command Δ is
-W/6 and grows with W, so a W without its Δ would be refused again.
+Δ is kept: symbols are distinguished by Δ relative to the error of a dot, independent of W. If a command leaves Δ out it is W/6
+and grows with W, so that a larger W alone might be refused again.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.part import TapePart
 
 LEAST_SHARE = 0.14
-"""Least Δ, as a fraction of W, that a remedy names where the displacement must be smaller: the least that `advise` proposes."""
+"""Least Δ, as a fraction of W, of a remedy that reduces the displacement; also the least that `advise` proposes."""
 GAPS = ("pad-pad", "body-body", "courtyard", "opening-bridge")
-"""Rules of gaps between parts of a film, which a larger W meets."""
+"""Rules for gaps between parts of a film, which a larger W satisfies."""
 _STEP_MM = 0.001
 _HALVINGS = 20
 
 Pitch = Callable[[Placing], float | None]
-"""Least pitch, mm, of a rule; None if none meets it."""
+"""Function that gives the least pitch, mm, at which a rule is met; None if at none."""
 
 
 # Least pitches
@@ -41,7 +41,7 @@ Pitch = Callable[[Placing], float | None]
 def film_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile, placing: Placing) -> float | None:
     """Least pitch, mm, at which a rule of GAPS, ``anchor-spur`` or ``anchor-mesh`` is met for any symbols; None if at none.
 
-    ``limit_mm`` is the gap asked for; for anchors that between the copper of two of them.
+    ``limit_mm`` is the required gap; for anchors that between the copper of two parts.
     """
     if not rule.startswith("anchor-"):
         return gap_pitch_mm(rule, limit_mm, fab, part, placing)
@@ -50,7 +50,7 @@ def film_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile
 
 
 def gap_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile, placing: Placing) -> float:
-    """Least pitch, mm, at which a rule of GAPS, with this gap asked for, is met for any symbols."""
+    """Least pitch, mm, at which a rule of GAPS is met with the gap `limit_mm`, for any symbols."""
 
     def apart(size_mm: tuple[float, float], wider_mm: float = 0.0, shift_mm: float = 0.0) -> float:
         return least_pitch_mm(
@@ -68,27 +68,27 @@ def gap_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile,
         return apart(part.courtyard_mm)
     if rule == "body-body":
         return apart((part.body_mm[0] + part.body_tolerance_mm, part.body_mm[1] + part.body_tolerance_mm))
-    # a land is a box without its round, offset by the corner radius r; the difference of two is such a box with radius 2 r. Land
-    # 1 of a part against land 2 of another lies shifted by the distance of the two lands, either way
+    # a land is a smaller box offset by the corner radius r; the Minkowski difference of two is such a box with radius 2 r. Land 1
+    # of a part against land 2 of another is shifted by the distance of the two lands, in either direction
     round_mm, between_mm = 2.0 * part.pads.corner_radius_mm, 2.0 * part.pads.offset_mm
     pad = (part.pads.size_mm[0] - round_mm, part.pads.size_mm[1] - round_mm)
     return max(apart(pad, round_mm, shift_mm) for shift_mm in (0.0, between_mm, -between_mm))
 
 
 def element_pitch_mm(gap_mm: float, part: ElementProfile, placing: Placing) -> float:
-    """Least pitch, mm, at which the feet of two elements are so far apart, for any symbols."""
+    """Least pitch, mm, at which the feet of any two elements are at least `gap_mm` apart, for any symbols."""
     if part.shape == "block":
         return least_pitch_mm(
             part.body_mm[:2], gap_mm, placing.rotation_deg, placing.displacement_mm, directions=placing.directions
         )
-    # two circles are nearest where both elements are displaced towards each other along the row: W - 2 Δ - diameter
+    # two circles are nearest if both elements are displaced towards each other along the row: W - 2 Δ - diameter
     return part.body_mm[0] + gap_mm + 2.0 * placing.displacement_mm
 
 
 def cell_pitch_mm(part: PartProfile | ElementProfile, placing: Placing) -> float:
-    """Least pitch, mm, at which a displaced body stays within its own cell, as the models require."""
+    """Least pitch, mm, at which a displaced body stays within its cell, as the models require."""
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=placing.rotation_deg)
-    # half a cell holds reach, displacement and clearance
+    # half a cell has to hold reach, displacement and clearance
     return 2.0 * (float(max(reach_mm(tape_part))) + placing.displacement_mm + LEAST_CLEARANCE_MM)
 
 
@@ -99,8 +99,8 @@ def cell_pitch_mm(part: PartProfile | ElementProfile, placing: Placing) -> float
 class Remedy:
     """Search for the W and Δ of a spec at which rules hold.
 
-    ``pitches`` are the rules that must hold; ``size_mm`` gives the outline that a spec with another grid needs; ``placed``: parts
-    are placed by a line, not printed.
+    ``pitches`` are the rules that must hold; ``size_mm`` gives the outline that a spec with another grid needs; ``placed`` says
+    that parts are placed by an assembly line, not printed.
     """
 
     spec: TapeSpec
@@ -109,8 +109,8 @@ class Remedy:
     placed: bool = False
 
     def options(self) -> str | None:
-        """Options to type: W and Δ, and the outline where a window no longer fits; "" if W and Δ do as they are, None if
-        nothing does.
+        """Options to type: W and Δ, and the outline if a window no longer fits; "" if the present W and Δ work, None if no
+        values do.
         """
         spec, displacement_mm = self.spec, _rounded(self.spec.displacement_mm)
         if self._met(spec.pitch_mm, spec.displacement_mm):
@@ -118,25 +118,25 @@ class Remedy:
         pitch_mm = self._least(displacement_mm)
         if pitch_mm is None or pitch_mm > MOST_PITCH_MM:
             return None
-        # a W that is wide enough already is not made smaller by its remedy
+        # a remedy does not make W smaller
         pitch_mm = max(whole_um_up(pitch_mm), spec.pitch_mm)
         size = self._size(spec.but(pitch_mm=pitch_mm, displacement_mm=displacement_mm))
         return f"--w {pitch_mm:g} --delta {displacement_mm:g}{size}"
 
     def smaller(self) -> float | None:
-        """The largest Δ, mm, that does at the W as it is; None if it is not below the present one, or too small to be read."""
+        """The largest Δ, mm, that works at the present W; None if it is not below the present Δ, or too small to be read."""
         least_mm, high = max(LEAST_SHARE * self.spec.pitch_mm, LEAST_DISPLACEMENT_MM), self.spec.displacement_mm
-        if self.placed and not DIRECTIONS[self.spec.directions].usual:  # a line's scatter would show neighbouring directions
+        if self.placed and not DIRECTIONS[self.spec.directions].usual:  # placement scatter would cause wrong symbols
             least_mm = max(least_mm, least_displacement_mm())
         low = least_mm
         if low >= high or not self._met(self.spec.pitch_mm, low) or self._met(self.spec.pitch_mm, high):
             return None
-        # rules are monotone in Δ: low holds and high does not, and 20
-        # halvings bring them within a millionth of the first distance
+        # rules are monotonic in Δ: bisection between low, which holds, and
+        # high, which does not, to a millionth of their first distance
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self._met(self.spec.pitch_mm, middle) else (low, middle)
-        # down to whole micrometres stays on the side that holds
+        # rounded down to micrometres, so that the rules hold
         found = floor(low / _STEP_MM) * _STEP_MM
         return round(found, 3) if found >= least_mm else None
 
@@ -173,14 +173,14 @@ def film_remedy(
     rules: Sequence[str] = (),
     more: Sequence[Pitch] = (),
 ) -> Remedy:
-    """Remedy by which these rules hold without a warning, and every rule that blocks, the models' included.
+    """Remedy by which these rules hold without a warning, and all blocking rules hold as well, including those of the models.
 
-    fab: In the mode of coverlay of the spec.
-    rules: Of GAPS, ``anchor-spur``, ``anchor-mesh``.
+    fab: The fab profile in the spec's coverlay mode.
+    rules: Rules of GAPS, ``anchor-spur``, ``anchor-mesh``.
     more: Other rules that must hold.
     """
     anchored = spec.anchor != "none" or any(rule.startswith("anchor-") for rule in rules)
-    if anchored and _gang(fab):  # coverlay is what holds an anchor
+    if anchored and _gang(fab):  # an anchor needs coverlay around the part
         fab = fab.in_mode(next(mode for mode in fab.coverlay_modes if mode != "gang"))
     pitches = [*more, *(_of_film(rule, _clear_mm(fab, rule), fab, part) for rule in rules)]
     if spec.anchor != "none":
@@ -199,7 +199,7 @@ def _gang(fab: FabProfile) -> bool:
 
 
 def _clear_mm(fab: FabProfile, rule: str) -> float:
-    """The gap, mm, at which a rule neither blocks nor warns; that of anchors is between the copper of two of them."""
+    """The gap, mm, at which a rule neither blocks nor warns; for anchors that between the copper of two parts."""
     limit = fab.limits["pad-pad" if rule.startswith("anchor-") else rule]
     return max(limit.value_mm, limit.warn_mm or 0.0)
 
@@ -209,7 +209,7 @@ def _of_film(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile) -> 
 
 
 def texture_remedy(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, gap_mm: float) -> Remedy:
-    """Remedy by which the feet of two elements are so far apart, and every element stays in its cell."""
+    """Remedy by which the feet of any two elements are `gap_mm` apart, and every element stays in its cell."""
     return Remedy(
         spec=spec,
         pitches=(lambda placing: element_pitch_mm(gap_mm, part, placing), lambda placing: cell_pitch_mm(part, placing)),
@@ -227,7 +227,7 @@ def film_parts(fits: Callable[[PartProfile], bool]) -> Iterator[PartProfile]:
 
 
 def wider_words(spec: TapeSpec, fab: FabProfile, part: PartProfile, rule: str) -> str:
-    """Remedy of a gap rule of a film: W and Δ, or Δ, or parts turned by 45 degrees."""
+    """Remedy for a gap rule of a film: W and Δ, or Δ, or parts rotated by 45 degrees."""
     said = [words] if (words := film_remedy(spec, fab, part, [rule]).words()) else []
     if spec.rotation_deg % 90.0 != 45.0:
         turned = film_remedy(spec.but(rotation_deg=45.0), fab, part, [rule]).options()
@@ -237,14 +237,14 @@ def wider_words(spec: TapeSpec, fab: FabProfile, part: PartProfile, rule: str) -
 
 
 def opening_words(spec: TapeSpec, fab: FabProfile, limit_mm: float) -> str:
-    """Remedy of openings that are too small: one for all parts, or larger parts."""
+    """Remedy for openings that are too small: one for all parts, or larger parts."""
     other = part_words(spec, fab, lambda part: min(opening_size_mm(part, fab)) >= limit_mm, "with wider pads")
     may_gang = "gang" in fab.coverlay_modes and spec.anchor == "none"
     return f"use --coverlay gang, or {other.removeprefix('use ')}" if may_gang else other
 
 
 def part_words(spec: TapeSpec, fab: FabProfile, fits: Callable[[PartProfile], bool], which: str) -> str:
-    """Remedy with the smallest shipped part that fits, at a W and Δ at which its rules hold."""
+    """Remedy by the smallest shipped part that fits, with W and Δ at which its rules hold."""
     rules = [] if fab.coverlay_mode == "gang" else ["opening-bridge"]
     for part in film_parts(lambda part: part.name != spec.part and fits(part)):
         options = film_remedy(spec, fab, part, rules).options()

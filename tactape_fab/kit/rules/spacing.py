@@ -1,4 +1,4 @@
-"""check(layout, fab) -> findings: every design rule with its worst measured value and the place of that value."""
+"""Design rules of a layout, each with its worst measured value and the place of that value."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _NEAR_LEGEND_MM = 5.0
 Measured = tuple[float, tuple[float, float] | None]
 """The worst value and its place (board frame, mm)."""
 Remedies = str | Callable[[float], str]
-"""A remedy, or a function that finds it for a limit in mm."""
+"""A remedy, or a function that gives it for a limit in mm."""
 
 
 def check(layout: Layout, fab: FabProfile, spec: TapeSpec) -> list[Finding]:
-    """Measure a layout against its fab's limits; remedies are for the spec.
+    """Check a layout against its fab's limits; remedies are for the spec.
 
-    Returns: One for every rule that has something to measure, broken or not.
+    Returns: A finding for every rule that applies, broken or not.
     """
     findings = [
         *_gap_rules(layout, fab, spec),
@@ -45,11 +45,11 @@ def check(layout: Layout, fab: FabProfile, spec: TapeSpec) -> list[Finding]:
 
 
 def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured, what: str, remedy: Remedies) -> Finding:
-    """Compare a measured value with the profile's limit of that rule; the remedy is asked for where it is broken."""
+    """Compare a measured value with the profile's limit of that rule; the remedy is found only if the rule is broken."""
     value, at_mm = measured
     limit = profile.limits[rule]
     level, least_mm = limit.level, limit.value_mm
-    # a value that is 0.5 um short is one that decimals and 1 nm steps may have cost, and meets the limit
+    # rounding to decimals and 1 nm may make a value 0.5 um too small, which still meets the limit
     passed = value >= least_mm - TOLERANCE_MM
     if passed and limit.warn_mm is not None and value < limit.warn_mm - TOLERANCE_MM:
         level, least_mm, passed = "warn", limit.warn_mm, False
@@ -72,24 +72,24 @@ def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured,
 
 
 def gap_mm(outline_mm: FloatArray, shift_mm: FloatArray) -> FloatArray:
-    """Gap between a convex outline and itself moved by each shift, negative by the depth of an overlap; shape (m,).
+    """Gap between a convex outline and its copy at each shift, negative by the depth of an overlap; shape (m,).
 
     The gap is the signed distance of the shift from the outline's difference body (Minkowski).
     """
-    # A and A + s overlap exactly if s = a - b for some a, b of A: the hull of all such differences is that set for a convex A.
-    # |s| outside it, measured to its edge, is the gap; inside, the shortest way out
+    # A and A + s overlap if and only if s = a - b for some a, b of A; for a convex A the hull of all such differences is that
+    # set. The gap is the distance of s from it; inside, minus the distance to its boundary
     difference = (outline_mm[:, None] - outline_mm).reshape(-1, 2)
     body = shapely.MultiPoint(difference).convex_hull
     points = shapely.points(shift_mm)
-    # covers is true on the edge, too, where both distances are 0
+    # covers is also true on the boundary, where both distances are 0
     depth = np.where(shapely.covers(body, points), shapely.distance(body.exterior, points), 0.0)
     return np.asarray(shapely.distance(body, points) - depth)
 
 
 def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Centre distances, as vectors, of placed parts that may come nearer than `reach`, and the first place of each.
+    """Vectors between the centres of placed parts that may be nearer than `reach`, and the first place of each.
 
-    Returns shifts, places (m, 2): One row for each grid offset and each pair of symbols that occurs at it; board frame.
+    Returns shifts, places (m, 2): One row for each grid offset and each pair of symbols that occurs at it; board frame, mm.
     """
     found = [*_neighbours(tape, reach), (np.empty((0, 2)), np.empty((0, 2)))]
     shifts, places = (np.concatenate(rows) for rows in zip(*found, strict=True))
@@ -97,29 +97,29 @@ def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Pairs of placed parts that may come nearer than `reach`, by grid offset.
+    """Pairs of placed parts that may be nearer than `reach`, by grid offset.
 
-    Yields, for each offset, the centre distances of those pairs of symbols that occur at it, and the board
+    Yields, for each offset, the vectors between centres for the pairs of symbols that occur at it, and the board
     positions half way between the first such pairs; shapes (k, 2).
     """
     placed, kinds = tape.placed, tape.directions
-    # two displacements may bring neighbours nearer by 2 Δ
+    # displacements may bring neighbours nearer by 2 Δ
     furthest = int((reach + 2 * tape.displacement_mm) / tape.pitch_mm) + 1
     for down in range(furthest + 1):
         for right in range(-furthest, furthest + 1):
-            # half of the neighbours do: the others have the same shifts
+            # half of the neighbours suffice: the others have the same shifts
             # with the opposite sign, and a difference body is symmetric
             if down == 0 and right <= 0:
                 continue
             rows, columns = tape.rows - down, tape.columns - abs(right)
             if rows <= 0 or columns <= 0:
                 continue
-            # the grid, and the grid moved by (right, down), as far as they overlap: equal indices are the two parts of a pair
+            # overlap of the grid and the grid moved by (right, down): equal indices are the two parts of a pair
             first = (slice(0, rows), slice(max(-right, 0), max(-right, 0) + columns))
             second = (slice(down, down + rows), slice(max(right, 0), max(right, 0) + columns))
-            # a pair of symbols as one number; kinds**2, which no pair gives, where either part is left out
+            # a pair of symbols as one number; kinds**2, which no pair gives, if either part is omitted
             pair = np.where(placed[first] & placed[second], tape.symbols[first] * kinds + tape.symbols[second], kinds**2)
-            # first place of each of the at most 64 different pairs: a gap depends on the pair alone, not on where it is
+            # first place of each of the at most 64 distinct pairs, as a gap depends only on the pair
             value, place = np.unique(pair, return_index=True)
             a, b = np.divmod(value[value < kinds**2], kinds)
             row, column = np.divmod(place[value < kinds**2], columns)
@@ -142,7 +142,7 @@ def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Find
         return worst_at(gaps, places)
 
     between_own = gap_mm(outlines.pad, (outlines.pad_xy[1] - outlines.pad_xy[0])[None])
-    # all four combinations: land j of the second part against land i of the first
+    # all four combinations of land j of the second part and land i of the first
     lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
 
     def wider(rule: str) -> Remedies:
@@ -197,7 +197,7 @@ def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         measured = to_outline(layout.parts_xy_mm, outline, board, fab.limits[rule].value_mm)
         if rule == "pad-edge" and layout.anchors is not None:
             lines = layout.anchors.lines_mm.reshape(-1, 2)
-            # tuples: the smaller value wins, with its place; a line's round ends and sides lie half a web outside its middle line
+            # the smaller (value, place) wins; the copper extends half a web beyond a line
             measured = min(measured, worst_at(_inside(lines, board) - layout.anchors.web_mm / 2, lines))
         if rule == "opening-edge" and layout.window_mm is not None:
             measured = worst_at(_inside(layout.window_mm, board), layout.window_mm)
@@ -213,8 +213,8 @@ def to_outline(parts_xy_mm: FloatArray, outline_mm: FloatArray, board: Board, li
 
     Only the parts nearest to the outline are measured: enough of them to contain the worst one.
     """
-    # Distance to the outline changes by no more than the way: a vertex is within sqrt(2) reach of its centre. The worst vertex is
-    # no further inside than the least centre, so a part whose centre is more than 2 reach further in cannot have it
+    # The distance to the outline is 1-Lipschitz, and a vertex is within sqrt(2) reach of its centre. The worst vertex is no
+    # farther inside than the outermost centre, so a part whose centre is more than 2 reach farther inside cannot have it
     inset = inset_mm(parts_xy_mm, board.size_mm, board.corner_radius_mm)
     near = parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * (limit_mm + max(reach_mm(outline_mm)))]
     return worst_at(inset_mm(near[:, None] + outline_mm, board.size_mm, board.corner_radius_mm).min(axis=1), near)
@@ -241,7 +241,7 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         return
     ink = _ink(layout)
     right_end = shapely.total_bounds(ink)[2] + _NEAR_LEGEND_MM
-    # the strip is at the left end: openings more than 5 mm right of the ink are far from every limit. One column at least is
+    # the strip is at the left end: openings more than 5 mm right of the ink are far from every limit. At least one column is
     # kept, so that there is something to measure
     near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
     openings = shapely.polygons(near[:, None] + layout.openings.outline_mm)
@@ -293,7 +293,7 @@ def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
 
 
 def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str) -> Iterator[Finding]:
-    """Check distances of holes to the outline and each other, and their sizes; `between` is the material between two of them."""
+    """Check distances of holes from the outline and each other, and diameters; `between` names the material between two."""
     holes = np.array(board.holes)
     centres, radii = holes[:, :2], holes[:, 2] / 2
     edge = inset_mm(centres, board.size_mm, board.corner_radius_mm) - radii
@@ -310,7 +310,7 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
     yield finding(profile, "hole-size", worst_at(2 * radii, centres), "smallest hole", wider)
     if len(holes) > 1:
         tree = shapely.STRtree(shapely.points(centres))
-        # pairs with more than 10 mm beyond the limit between them are not looked at: such holes are no finding
+        # pairs whose gap exceeds the limit by more than 10 mm are ignored
         furthest = profile.limits["hole-hole"].value_mm + 10.0
         a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=2 * radii.max() + furthest)
         gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
@@ -322,7 +322,7 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
             def fewer(limit_mm: float) -> str:
                 left_out: dict[int, str] = {}
                 for i, j in zip(a[gaps < limit_mm].tolist(), b[gaps < limit_mm].tolist(), strict=True):
-                    # j goes out of a pair whose holes both remain: pairs that an earlier choice has parted need no other
+                    # of a pair whose holes both remain, j is left out
                     if i not in left_out and j not in left_out:
                         left_out[j] = _hole_words(board.holes[j])
                 return f"leave out {', '.join(left_out.values())}"
@@ -341,16 +341,16 @@ def _hole_words(hole: Sequence[float]) -> str:
 
 
 def _moved_inward(hole: tuple[float, float, float], board: Board, limit_mm: float) -> tuple[float, float, float]:
-    """The hole moved towards the board's middle until it keeps a distance from the outline, in hundredths of a millimetre."""
+    """The hole, moved towards the board's middle until it is `limit_mm` from the outline, at hundredths of a millimetre."""
     x, y, diameter = hole
     middle = np.array(board.size_mm) / 2
     far_mm = limit_mm + diameter / 2
-    # on a board narrower than twice that distance both bounds are its middle, and np.clip still has them in order
+    # on a board narrower than twice that distance both bounds are its middle
     straight = np.clip((x, y), np.minimum(far_mm, middle), np.maximum(np.array(board.size_mm) - far_mm, middle))
-    # straight inward is not enough in a corner zone: there the hole also moves along the line to the middle, in hundredths of it
+    # at a rounded corner the hole also moves along the line to the middle, in steps of a hundredth of it
     for share in np.linspace(0.0, 1.0, 101):  # past a rounded corner
         at = straight + share * (middle - straight)
-        # towards the middle, so that rounding never takes back the distance
+        # rounded towards the middle, so that the distance is kept
         at = np.where(at < middle, np.ceil(at * 100 - 1e-6), np.floor(at * 100 + 1e-6)) / 100
         if inset_mm(at[None], board.size_mm, board.corner_radius_mm)[0] >= far_mm - TOLERANCE_MM:
             break
@@ -363,7 +363,7 @@ def hole_to_parts(
     """Least distance of a hole from the outlines, shape (m, k, 2), about each part's centre."""
     values, places = [], []
     for x, y, diameter in board.holes:
-        # 5 mm beyond the largest reach: a hole with no part so near is far from every limit
+        # a hole without a part within 5 mm beyond the largest reach is far from every limit
         reach = diameter / 2 + max(reach_mm(outlines_mm.reshape(-1, 2))) + 5.0
         near = parts_xy_mm[np.abs(parts_xy_mm - (x, y)).max(axis=1) < reach]
         if len(near):
@@ -378,7 +378,7 @@ def hole_to_parts(
 def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
     longer, shorter = max(tape.board.size_mm), min(tape.board.size_mm)
     most = fab.size.largest_mm
-    # the side that is too long for the board's own orientation; the longer one if both are, or none is
+    # the side that is too long in the board's own orientation; the longer one if both or none are
     too_long = [side > limit + TOLERANCE_MM for side, limit in zip((longer, shorter), most, strict=True)]
     passed = not any(too_long)
     value, limit = (shorter, most[1]) if too_long == [False, True] else (longer, most[0])

@@ -11,13 +11,13 @@ from tactape_fab.texture.board import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_ID
 from tactape_fab.texture.frames import snap_mm
 
 LEAST_ROUND_MM = 0.01
-"""Least radius of a corner and diameter of a hole: no machine makes them smaller, and their arcs shrink to points."""
+"""Least radius of a corner and diameter of a hole: smaller ones cannot be made, and their arcs would become points."""
 DEFAULT_CORNER_RADIUS_MM = 1.0
 DEFAULT_TAG_CELL_MM = 0.5
 
 
 def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool) -> dict[str, Any]:
-    """Values of these options in their final form; a refused one is replaced by a usable value.
+    """Values of these options in their final form; a refused one is replaced by a valid value.
 
     table: All values given; problems are collected in it.
     values: Values that are already in their final form.

@@ -44,7 +44,7 @@ def read_film_options(table: Fields, *, solid: bool) -> dict[str, Any]:
 
 
 def _backing(table: Fields, key: str) -> str | None:
-    """Material and thickness as profiles have them: ``FR4 0.2``."""
+    """Material and thickness in the form of the profiles: ``FR4 0.2``."""
     if key not in table.values:
         return None
     remedy = f"give MATERIAL:MM, such as {'FR4:0.2' if key == 'stiffener' else '3M468:0.13'}"

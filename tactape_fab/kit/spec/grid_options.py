@@ -29,7 +29,7 @@ def read_grid_options(table: Fields) -> dict[str, Any]:
     table: All values given; problems are collected in it.
     """
     code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
-    if table.refused("code"):  # check the others against the code with most sectors
+    if table.refused("code"):  # the others are checked against the code with most sectors
         code = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
     sector = table.integer(
         "sector",
@@ -70,7 +70,7 @@ def _pitch(table: Fields) -> float:
 def _displacement(table: Fields, pitch_mm: float) -> float:
     usual = pitch_mm / PITCH_PER_DISPLACEMENT
     if "displacement_mm" not in table.values:
-        # snapped to 1 nm, as files have it: the tape that is decoded is the one that was made
+        # snapped to 1 nm as in the files, so that the decoder uses exactly the tape that was made
         return float(snap_mm(usual))
     remedy = f"--delta is the displacement in millimetres, {LEAST_DISPLACEMENT_MM} to less than half the pitch {pitch_mm:g}"
     displacement_mm = table.number(
@@ -100,7 +100,7 @@ def _size(table: Fields, pitch_mm: float, code: Code, sector: int) -> tuple[floa
 
 
 def _code_of_reach(points: float, sector: int) -> str:
-    """Code of least range with so many points along an axis that has the sector, '' if there is none."""
+    """Code of least range with this sector and at least that many points along an axis; '' if there is none."""
     reaching = [name for name in CODE_NAMES if get_code(name).range >= points and sector < get_code(name).sectors]
     return min(reaching, key=lambda name: get_code(name).range, default="")
 

@@ -38,7 +38,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
     values = read_grid_options(table)
     cell_mm = table.number("tag_cell_mm", low=LEAST_CELL_MM, high=5.0, default=DEFAULT_TAG_CELL_MM)
     rotation_deg = table.number("rotation_deg", low=-360.0, high=360.0, unit="deg", default=DEFAULT_ROTATION_DEG)
-    # a turn is kept in [0, 360): -45 and 315 are one spec, and one file
+    # rotations are normalised to [0, 360), so that -45 and 315 give the same files
     values |= {"tag_cell_mm": float(snap_mm(cell_mm)), "rotation_deg": rotation_deg % 360.0}
     values["part"] = _profile_name(table, "part", "parts", DEFAULT_PART)
     part = None if table.refused("part") else tried(lambda: read_part(values["part"]), table.problems)
@@ -62,7 +62,7 @@ def _text(table: Fields, key: str, pattern: str, remedy: str, usual: str | None)
 
 
 def _tag_and_fab(table: Fields) -> dict[str, Any]:
-    """Defaults of two options: a film has both, solid elements have neither."""
+    """Values of the tag and fab options, which films have and solid elements have not."""
     return {
         "tag": table.choice("tag", TAG_MODES),
         "fab": _profile_name(table, "fab", "fabs", DEFAULT_FAB) if "fab" in table.values else DEFAULT_FAB,
@@ -74,7 +74,7 @@ def _process(table: Fields, usual: str | None) -> str | None:
 
 
 def _meant(name: str, known: Sequence[str]) -> str:
-    """The profile that was probably meant, and of chips that are named by their size the ones that come with the package."""
+    """Remedy with the profile that was probably meant; for a chip size, with the chips that come with the package."""
     size = _CHIP_SIZE.fullmatch(name)
     if size is None:
         near = nearest(name, known)

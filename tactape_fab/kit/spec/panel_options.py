@@ -15,7 +15,7 @@ from tactape_fab.texture.code import DEFAULT_CODE
 PANEL_KEYS = ("panel", "sectors", "same_sector", "tabs")
 TAB_SIDES = ("auto", "x", "y", "xy")
 MOST_ALONG = 100
-"""Tapes along a side of a panel."""
+"""Most tapes along a side of a panel."""
 _ARRANGEMENT = re.compile(r"(\d{1,3})x(\d{1,3})")
 
 
@@ -23,11 +23,11 @@ _ARRANGEMENT = re.compile(r"(\d{1,3})x(\d{1,3})")
 class PanelRequest:
     """Checked options of a panel.
 
-    mode {"auto", "none", "given"}: None if not given: the fab profile decides.
+    mode {"auto", "none", "given"}: None if not given, which leaves it to the fab profile.
     arrangement: Columns and rows, if given.
     sectors: Sectors of the tapes, if given.
     same_sector: Whether every tape shows the same sector.
-    tabs: Sides of a tape that tabs hold, one of TAB_SIDES.
+    tabs: Sides of a tape with tabs, one of TAB_SIDES.
     """
 
     mode: str | None
@@ -45,7 +45,7 @@ class PanelRequest:
 def read_panel_request(values: Mapping[str, Any], *, films: bool = True) -> tuple[PanelRequest, list[Problem]]:
     """Read the keys of a panel from untrusted values; every problem is listed.
 
-    films: Whether the tapes are films. Others go on no panel, and no remedy names one.
+    films: Whether the tapes are films. Only films are put on panels, so that remedies for others do not name one.
     """
     table = Fields({key: values[key] for key in (*PANEL_KEYS, "code") if values.get(key) is not None})
     mode, arrangement = _mode(table)

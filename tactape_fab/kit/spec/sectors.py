@@ -16,7 +16,7 @@ _RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
 
 def read_sectors_of(value: object, code: object) -> tuple[int, ...]:
-    """As `read_sectors`, of a code's sectors; of all that the codes with a plane have where `code` is none that is known."""
+    """As `read_sectors`, for a code by name; for an unknown one, with the largest number of sectors of the codes with a plane."""
     known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
     return read_sectors(value, max(get_code(str(name)).sectors for name in known))
 
@@ -25,8 +25,8 @@ def read_sectors(value: object, sectors: int, key: str = "sectors") -> tuple[int
     """The sectors of ``"0-9,20"``, or of a list of whole numbers, in the order given.
 
     value: Untrusted.
-    sectors: How many sectors the code has.
-    key: What the list is called in messages.
+    sectors: Number of sectors of the code.
+    key: Name of the list in messages.
     Raises SpecError with every problem: invalid sectors or ranges, reversed ranges, sectors outside the code, repetitions.
     """
     problems: list[Problem] = []

@@ -1,4 +1,4 @@
-"""Options of a spec for the solid models: element, process, base, mould, cylinder; and their contradictions."""
+"""Options of a spec for the solid models (element, process, base, mould, cylinder), and their contradictions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OPTIONS = {
     "around": "--around",
     "shell": "--shell",
 }
-"""Option name of each key that can contradict another."""
+"""Option on the command line for each key that can contradict another."""
 _OF_A_FILM = ("fab", "assembly", "part_number", "x2", "tag_id")
 _OF_MODELS = ("process", "base_mm", "top", "cylinder_mm", "around", "shell")
 _OF_A_CYLINDER = ("around", "shell")
@@ -39,7 +39,7 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
     """Values of these options in their final form; None for an option that does not apply.
 
     table: All values given; problems are collected in it.
-    part: The spec's part; None if it cannot be read, and then nothing is checked against it.
+    part: The spec's part; None if it cannot be read, in which case nothing is checked against it.
     """
     models = table.flag("models", default=True)
     negative, sim = table.flag("negative"), table.flag("sim")
@@ -72,7 +72,7 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
 
 
 def _mark(table: Fields) -> bool:
-    """Whether the back has a mark: not by default where it is milled, which leaves no square corners."""
+    """Whether the back has a mark; by default not if it is milled, as a mill cannot make inner corners sharp."""
     return table.flag("mark") if "mark" in table.values else table.values.get("process") != MILLED
 
 
@@ -130,7 +130,7 @@ def _size(table: Fields, part: ElementProfile) -> tuple[float, float, float]:
         remedy=f"give {words[0]} in mm, each at most {LARGEST_BODY_MM:g}, or {words[1]} in TOML and Python",
         default=part.body_mm,
     )
-    if once:  # a diameter that was given once is refused once
+    if once:  # a diameter that was given once is reported once
         table.problems[:] = [p for p in table.problems if p.key != "body_mm[1]"]
     length_mm, width_mm, height_mm = (float(snap_mm(value)) for value in size)
     return length_mm, width_mm, height_mm

@@ -1,4 +1,4 @@
-"""Lists of tapes: sector ranges, and spec files with several tapes, expanded to one set of values per tape."""
+"""Lists of tapes: sector ranges and spec files with several tapes, expanded to one set of values per tape."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactape_fab.texture.code import DEFAULT_CODE
 _OF_ONE = ("sector", "sectors", "name")
 """Keys that must differ between the tapes of a list."""
 _OF_A_PANEL = ("panel", "same_sector", "tabs")
-"""Keys of a panel besides its sectors; a list's tapes are on none."""
+"""Panel options other than sectors, which a list of tapes must not have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,8 +55,8 @@ def read_list_file(path: Path) -> dict[str, Any]:
 def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[list[TapeEntry], list[Problem]]:
     """One entry per tape, from the values of a spec file and from options, which override them.
 
-    The problems are those of the list. Faults of a tape are found when its spec is built. If sectors are refused, sector 0
-    replaces them, so that everything else can be checked.
+    The problems are those of the list itself; those of a tape are found when its spec is built. If sectors are refused they are
+    replaced by sector 0, so that everything else can be checked.
     """
     problems = _contradictions(values, options) + _of_panels({**values, **options})
     options = {key: value for key, value in options.items() if key not in _OF_A_PANEL}
@@ -83,7 +83,7 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
                 entries += _of_table({**common, **own, **overriding}, where, problems)
             else:
                 problems.append(Problem("tapes", f"{where}{shown(tape)} is no table; give it as [[tapes]]"))
-            # a table of a range may hold thousands: counted as they are read, so that no list grows without end
+            # checked while reading, as a range may have thousands of sectors
             if len(entries) > MOST_TAPES:
                 break
     if len(entries) > MOST_TAPES:
@@ -93,7 +93,7 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
 
 
 def _contradictions(values: Mapping[str, Any], options: Mapping[str, Any]) -> list[Problem]:
-    """Keys given where they would apply to several tapes although they must differ."""
+    """Problems of keys that would apply to several tapes although they must differ."""
     several = "tapes" in values
     found = []
     for source in (options, values):
@@ -108,7 +108,7 @@ def _contradictions(values: Mapping[str, Any], options: Mapping[str, Any]) -> li
 
 
 def _of_panels(values: Mapping[str, Any], where: str = "") -> list[Problem]:
-    """Keys of a panel, where each tape is made alone."""
+    """Problems of panel options in a list, whose tapes are made without a panel."""
     return [
         Problem(key, f"{where}{key} = {shown(values[key])} is of a panel, and these tapes are made one by one; leave it out")
         for key in _OF_A_PANEL

@@ -24,8 +24,9 @@ from tactape_fab.texture.tape import DEFAULT_PITCH_MM
 class TapeSpec:
     """Options of a tape. Building a spec checks every value and reports all problems together.
 
-    Attributes are the values as understood: what was left out has the value that follows from the others. `dataclasses.replace`
-    keeps it: of a spec of sector 7 it makes one of sector 8 with name, tag and origin of sector 7. Build each spec anew.
+    Attributes have their final values: options that were left out get the default that follows from the others.
+    `dataclasses.replace` keeps these: with another sector, the spec would keep name, tag and origin of the old one. Build a new
+    spec instead.
 
     Attributes
     ----------
@@ -56,7 +57,7 @@ class TapeSpec:
     rotation_deg : float
         Rotation of every part, counter-clockwise, 0 along board x.
     assembly : str or None
-        Assembly house whose columns CPL and BOM have; None for the fab profile's.
+        Assembly house that determines the columns of CPL and BOM; None for the fab profile's.
     part_number : str or None
         Part number in the BOM, in that house's format; None for the part profile's, if it has one.
     x2 : str or None
@@ -89,7 +90,7 @@ class TapeSpec:
     coverlay : {"per-part", "lpi", "gang"} or None
         How the coverlay is opened; None for the first way of the fab profile that its limits allow.
     anchor : {"none", "spur", "mesh"}
-        Copper that extends from the pads under the coverlay and holds them.
+        Copper that extends from the pads under the coverlay, which then holds the pads.
     stiffener, adhesive : str or None
         Layer laminated to the underside: material and thickness in mm, such as ``"FR4 0.2"``.
     bend_axis : {"x", "y"} or None
@@ -98,8 +99,8 @@ class TapeSpec:
     sim : bool
         Whether the kit has assets for simulators.
     mark : bool or None
-        Whether the sector's number and an arrow are sunk into the back of solid elements' base; None for a film, which prints
-        them, and by default not where it is milled.
+        Whether the sector's number and an arrow are engraved in the back of the base of solid elements, by default unless it is
+        milled; None for a film, which has them in print.
 
     Raises
     ------
@@ -195,13 +196,13 @@ class TapeSpec:
         return other
 
     def to_mapping(self) -> dict[str, Any]:
-        """Every option in its final form, for the manifest; of a profile's path only the file's name."""
+        """Every option in its final form, for the manifest; a path of a profile is reduced to the file's name."""
         values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) not in _LEFT_OUT}
         return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
 
     @property
     def place(self) -> tuple[int, int]:
-        """The origin; (0, 0) if it is still to be searched for, where every tape fits that fits at all."""
+        """The origin; (0, 0) if it is still to be searched for, where any tape fits that fits in the plane."""
         return (0, 0) if self.origin == BEST else self.origin
 
     @property
@@ -218,7 +219,7 @@ class TapeSpec:
 
 
 _LEFT_OUT = (("directions", USUAL_DIRECTIONS), ("sim", False), ("mark", None))
-"""Options that a manifest has only where they are not usual, as those of older versions have not."""
+"""Options that a manifest contains only if they differ from these values, as older versions did not have them."""
 PROFILE_KEYS = ("fab", "part", "process")
 KEYS = tuple(f.name for f in fields(TapeSpec))
 DEFAULTS = {f.name: f.default for f in fields(TapeSpec) if f.default is not MISSING}
@@ -227,7 +228,7 @@ DEFAULTS = {f.name: f.default for f in fields(TapeSpec) if f.default is not MISS
 def read_spec(values: Mapping[str, Any]) -> tuple[TapeSpec, list[Problem]]:
     """Read untrusted values into a spec, and list every problem: unknown keys, a missing sector, invalid values.
 
-    A refused value is replaced by a usable one in the spec, so that values that do not depend on it can be checked.
+    A refused value is replaced by a valid one in the spec, so that values that do not depend on it can be checked.
     """
     refuse_other(values, Mapping, "values", "mapping", 'keys and values, such as {"sector": 7}')
     problems = [unknown_key(key, KEYS) for key in values if key not in KEYS]
@@ -241,7 +242,7 @@ def read_spec(values: Mapping[str, Any]) -> tuple[TapeSpec, list[Problem]]:
 
 
 def _plainly(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values with lists in place of numpy's arrays, and texts in place of paths of profiles."""
+    """Values with lists in place of numpy arrays, and strings in place of paths of profiles."""
     lists = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in values.items()}
     paths = {key: str(lists[key]) for key in PROFILE_KEYS if isinstance(lists.get(key), PurePath)}
     return {**lists, **paths}
