@@ -1,6 +1,6 @@
-"""Command line: one file per command, named as the command. Only this package imports click.
+"""Command line: one module per command, with the command's name. Only this package imports click.
 
-A command's module is imported when it is used (`group.COMMANDS`), so that `decode` does not load the options of `make`.
+A command's module is imported when the command is used (`group.COMMANDS`), so that `decode` does not load that of `make`.
 """
 
 from tactape_fab.cli.group import COMMANDS, command, main

@@ -100,7 +100,7 @@ def advise(
 
 
 def refuse_map(path: Path, *, overwrite: bool) -> None:
-    """Refuse a place that is taken, and a name that is no SVG's."""
+    """Refuse a path for a map that is taken or does not end in .svg."""
     if path.suffix.lower() != ".svg":
         raise SpecError(Problem("map_file", f"map_file = {shown_path(path)} is drawn as SVG; give a name that ends in .svg"))
     refuse_taken_place(path, "map_file", overwrite=overwrite, ours=_is_map, kind="no map of this tool")
@@ -109,7 +109,7 @@ def refuse_map(path: Path, *, overwrite: bool) -> None:
 def _is_map(path: Path) -> bool:
     from tactape_fab.advise.map_picture import TITLE
 
-    # the root element has some 200 bytes, the title is the first text in it
+    # the title follows the root element, which has some 200 bytes
     start = read_regular(path, 600)
     return start.startswith(b"<svg") and TITLE.encode() in start
 
@@ -156,14 +156,14 @@ def _row(line: Line, advice: Advice) -> tuple[str, ...]:
 
 
 def _noise(sensor: SensorProfile) -> str:
-    """The noise that a sensor's profile states, in words."""
+    """The noise of a sensor's profile as text."""
     if sensor.slope_noise is not None:
         return f"slopes {sensor.slope_noise:g} rms a pixel, white"
     return f"{sensor.white_um:g} µm white, {sensor.correlated_um:g} µm in blobs of {sensor.correlated_px:g} px"
 
 
 def _explained(advice: Advice) -> Iterator[str]:
-    """The columns and the assumptions behind the figures, line by line."""
+    """Explanations of the columns and of the assumptions behind the figures, as lines."""
     from tactape_fab.advise.answer import LOCATED, contacts_by_code
     from tactape_fab.advise.model import IMPRINT_SHARE, LOSS, ROLL_OFF_MM
     from tactape_fab.kit.profiles import FabProfile

@@ -57,7 +57,7 @@ def calibrate(
         library("scipy", "calibrate")
         from tactape_fab.sense.calibrate.files import write_profile
 
-        if kits:  # --tape A B, as shells expand patterns
+        if kits:  # a shell expands a pattern to --tape A B, whose B is read as FRAMES
             kits = [*kits, *(f for f in frames if is_kit(f))]
             frames = [f for f in frames if not is_kit(f)]
         found, path = _calibrated(frames, kits, like, output, picture, known_theta, hand_eye)

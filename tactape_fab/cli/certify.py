@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tactape_fab.texture.touch.patches import PatchDistance
 
 MOST_SHOWN = 6
-"""Number of nearest pairs that are printed; the JSON has more."""
+"""Most nearest pairs that are printed; the JSON has more."""
 
 
 @click.command()
@@ -93,7 +93,7 @@ def tapes_to_certify(
 
 
 def certified_lines(result: Certified) -> list[str]:
-    """One tape: a table of its window sizes and its nearest windows. Several: a row each, and the windows across them."""
+    """Certificates as lines: of one tape its window sizes and nearest windows, of several a row each and their distances."""
     if len(result.certificates) == 1:
         return _one(result.certificates[0])
     header = ("tape", *(f"{s.side}x{s.side}" for s in result.certificates[0].sizes), "told apart", "one wrong symbol")
@@ -146,7 +146,7 @@ def _one(certificate: Certificate) -> list[str]:
 
 
 def _patch_lines(patches: Sequence[PatchDistance], open_turns_deg: tuple[int, ...]) -> list[str]:
-    """Distances of small patches: in all turns, in half turns, and what the code proves of all sectors, where there is one."""
+    """Distances of small patches as lines: in all turns, in half turns, and proven for all sectors, as far as there are any."""
     columns = [
         ("patch", [p.shape for p in patches]),
         ("number", [str(p.patches) for p in patches]),
@@ -170,7 +170,7 @@ def _bits(bits: int | None, pairs: int) -> str:
 
 
 def proven_lines(tapes: Sequence[Tape]) -> list[str]:
-    """Distances that the code of several tapes proves for any two of them, as lines."""
+    """Proven distances between any two of several tapes, as lines."""
     from tactape_fab.texture.certify.certificate import proven_between
 
     proven = proven_between(tapes)

@@ -1,4 +1,4 @@
-"""check: design rules of a tape, measured; nothing is written. The options of a tape, which make has too, are here."""
+"""check: measures the design rules of a tape without writing anything. It has the options of a tape, which `make` shares."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ PANEL_OPTIONS = (
 
 def tape_options(command: F) -> F:
     """Add SPEC.toml and every option of a tape and a panel."""
-    # each is inserted at the front: reversed, so that they stand in order before the command's own
+    # reversed, as each is inserted at the front, before the command's own
     for option in reversed((*TAPE_OPTIONS, *PANEL_OPTIONS)):
         command.params.insert(0, option)  # type: ignore[attr-defined]
     command.params.insert(0, click.Argument(["spec_file"], required=False, metavar="[SPEC.toml]"))  # type: ignore[attr-defined]
@@ -152,7 +152,7 @@ def given_values(options: dict[str, Any]) -> dict[str, Any]:
     return {
         o.name: o.read(options[o.name])
         for o in (*TAPE_OPTIONS, *PANEL_OPTIONS)
-        # what was typed is a text, "0" as well; an option that was not typed is None, () or False
+        # typed values are strings, even "0"; options that were not typed are None, () or False
         if o.name is not None and options[o.name] not in (None, (), False)
     }
 
@@ -167,9 +167,9 @@ def spec_values(spec_file: str | None) -> dict[str, Any]:
 
 
 def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] = (), *, alone: bool = False) -> bool:
-    """Whether several tapes are asked for, each with its own kit; the tapes of a panel are one order.
+    """Whether several tapes are asked for, each with its own kit; a panel is one order, and so not a list.
 
-    Sectors go on a panel where the fab's profile says so and they fill one, but with `alone`.
+    Sectors are put on a panel if the fab's profile says so and they fill one, unless `alone`.
     """
     from tactape_fab.kit.examine.order import takes_panel
     from tactape_fab.kit.spec.tape_list import is_list as lists_tapes
@@ -191,7 +191,7 @@ def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] 
         if together:
             return False
         echo_lines_err([remark] if remark else [])
-    # only "none" is left here, which a list of tapes does not know
+    # only "none" can be left here, which lists do not accept
     for of in (values, given):
         of.pop("panel", None)
     return True
@@ -206,7 +206,7 @@ def examined_order(
     output: str | None = None,
     overwrite: Overwrite = False,
 ) -> Examined | ExaminedPanel:
-    """One tape or panel examined; options that are for lists only (`of_lists`) are refused together with all other problems."""
+    """Examine one tape or panel; options for lists only (`of_lists`) are refused together with all other problems."""
     from tactape_fab.kit.examine.order import examine_order
     from tactape_fab.kit.examine.tape import examine
     from tactape_fab.kit.spec.panel_options import PANEL_KEYS
@@ -218,12 +218,12 @@ def examined_order(
     if panel != "none" and "sectors" in single:
         said = f"is for lists of tapes, and panel = {shown(panel)} makes one panel of them; leave one of the two out"
     problems = [Problem(name, f"--{name} {said}") for name, value in (of_lists or {}).items() if value]
-    # an option beats the file: --sector takes the place of the file's sectors
+    # an option overrides the file: --sector replaces the file's sectors
     if "sector" in given and "sectors" not in given:
         single.pop("sectors", None)
     tapes = tried(lambda: read_tapes(avoid), problems)
     try:
-        if problems:  # report all other problems, too
+        if problems:  # to report all other problems as well
             of_one = {key: value for key, value in single.items() if key not in PANEL_KEYS}
             examine({"sector": 0, **of_one}, output=output, overwrite=overwrite)
         else:

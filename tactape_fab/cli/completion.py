@@ -55,11 +55,11 @@ NAMES: dict[tuple[str, str], Callable[[], Sequence[str]]] = {
     ("code", "CODE"): _constant("code", "CODE_NAMES"),
     ("assembly", "HOUSE"): _constant("cpl", "ASSEMBLY_FORMATS"),
 }
-"""Known names by a parameter's key and metavar; CODE lists codes with a plane. Profiles may also be files."""
+"""Functions that list the known names for a parameter's name and metavar; CODE lists codes with a plane."""
 
 
 def offered(param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Values of a parameter that start with what was typed: names or words, or files or folders for the shell to list."""
+    """Completions of what was typed for a parameter: names, words of its metavar, or files or folders, which the shell lists."""
     metavar = param.metavar or (param.name or "").upper()
     names = NAMES.get((param.name or "", metavar))
     words = names() if names else [word for word in metavar.split("|") if _WORD.fullmatch(word)]

@@ -63,7 +63,7 @@ def decode(
         from tactape_fab.sense.files.jobs import Raw, is_kit, localize, prepare
         from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 
-        if kits:  # --tape A B, as shells expand patterns
+        if kits:  # a shell expands a pattern to --tape A B, whose B is read as FRAMES
             kits = [*kits, *(f for f in frames if is_kit(f))]
             frames = [f for f in frames if not is_kit(f)]
         options = locating_values(given)
@@ -97,7 +97,7 @@ def _print_answers(
         library("cv2", "--overlay")  # before the first answer
     table = FixTable(job.tapes, on_object=thing is not None)
     count = sum(file.count for file in job.files)
-    show = step_shown() if sys.stdout is not None and not sys.stdout.isatty() else lambda *_: None  # rows show progress
+    show = step_shown() if sys.stdout is not None and not sys.stdout.isatty() else lambda *_: None  # on a terminal rows do
     located, elapsed_ms = 0, []
     for answer in answers:
         fix = answer.fix
@@ -118,7 +118,7 @@ def _print_answers(
 
 
 class FixTable:
-    """Answers as rows of a table, one by one: widths come from the names of the tapes."""
+    """Answers as rows of a table, printed one by one; column widths follow from the names of the tapes."""
 
     def __init__(self, tapes: Sequence[Tape], *, on_object: bool = False) -> None:
         self.on_object = on_object
@@ -145,6 +145,6 @@ class FixTable:
 
 
 def summary_line(located: int, count: int, elapsed_ms: Sequence[float]) -> str:
-    # the upper one of the two middle values: no interpolation, a time that was measured
+    # of two middle values the upper one, so that it is a measured time
     median = sorted(elapsed_ms)[len(elapsed_ms) // 2] if elapsed_ms else 0.0
     return f"located {located} of {counted(count, 'frame')}; median {median:.2f} ms"

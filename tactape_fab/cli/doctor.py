@@ -1,4 +1,4 @@
-"""doctor: what this installation can do: versions, outside programs, extras, and whether the decoder is compiled."""
+"""doctor: reports on the installation: versions, outside programs, extras, and whether the decoder is compiled."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ EXTRAS = {
 }
 """Extras of pyproject.toml, and what each adds."""
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:\[(?P<extras>[\w,\s-]*)\])?")
-# of markers (PEP 508) the two kinds that pyproject.toml has: the version of Python and the extra
+# the two kinds of markers (PEP 508) that pyproject.toml has: version of Python, and extra
 _PYTHON = re.compile(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""")
 _IN_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
 _PATIENCE_S = 20.0
@@ -107,7 +107,7 @@ def frames_lines(found: FirstFrames) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """An outside program: its path, or None where it is not installed; what it adds, and the package to install."""
+    """An outside program: its path (None if not installed), what it adds, and the package to install."""
 
     name: str
     path: str | None
@@ -117,7 +117,7 @@ class Program:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extra:
-    """An extra of this package: version of each distribution that it asks for, None where that is not installed."""
+    """An extra of this package, with the version of each distribution that it requires, None if that is not installed."""
 
     name: str
     packages: Mapping[str, str | None]
@@ -130,7 +130,7 @@ class Extra:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decoder:
-    """Whether the decoder is compiled, and the folder that keeps it; None where none can be written."""
+    """Whether the decoder is compiled, and the folder of its cache, None if no folder can be written."""
 
     compiled: bool
     cache: str | None
@@ -139,7 +139,7 @@ class Decoder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """All that `doctor` reports; ``libraries`` are the versions of the package's dependencies, None where one is missing."""
+    """Everything that `doctor` reports; ``libraries`` has the version of each dependency of the package, None if missing."""
 
     version: str
     python: str
@@ -158,7 +158,7 @@ class Diagnosis:
 
 
 def diagnose() -> Diagnosis:
-    """Look at the installation; nothing is compiled and nothing but a cache folder is written."""
+    """Diagnose the installation; nothing is compiled, and only a cache folder may be made."""
     required = _required()
     return Diagnosis(
         version=tactape_fab.__version__,
@@ -175,7 +175,7 @@ def diagnose() -> Diagnosis:
 
 
 def _of_this_python(condition: str) -> bool:
-    """Whether a requirement's marker admits this version of Python; true where it names none."""
+    """Whether a requirement's marker admits this version of Python; true if it does not mention one."""
     own = sys.version_info[:2]
     for sign, major, minor in _PYTHON.findall(condition):
         named = (int(major), int(minor))
@@ -185,9 +185,9 @@ def _of_this_python(condition: str) -> bool:
 
 
 def _required() -> dict[str, list[str]]:
-    """Distributions that this package asks for, by extra; those that it always needs under the empty name.
+    """Distributions that this package requires, by extra; those without an extra under the empty name.
 
-    Nothing where the package is not installed but only on the path.
+    Empty if the package is only on the path, not installed.
     """
     try:
         lines = metadata.requires(PACKAGE) or []
@@ -201,13 +201,13 @@ def _required() -> dict[str, list[str]]:
             continue
         names = rows.setdefault(extra["extra"] if extra else "", [])
         own = found["extras"] if found["name"] == PACKAGE else None
-        # an extra may ask for the package itself with other extras, as "dev" does: these are spread one level deep
+        # an extra may require the package itself with other extras, as "dev" does; they are expanded, one level deep
         names += [f"[{inner.strip()}]" for inner in own.split(",")] if own else [found["name"]]
     return {extra: sorted({found for name in names for found in _spread(name, rows)}) for extra, names in rows.items()}
 
 
 def _spread(name: str, rows: Mapping[str, list[str]]) -> list[str]:
-    """A name, or the names of the extra that it is in brackets."""
+    """The name itself, or if it is an extra in brackets, the names of that."""
     return [name] if not name.startswith("[") else [n for n in rows.get(name[1:-1], []) if not n.startswith("[")]
 
 
@@ -231,7 +231,7 @@ def _templates() -> str | None:
 
 
 def _decoder() -> Decoder:
-    """The decoder's compiled functions on the disk; a library that cannot be loaded is reported instead of raised."""
+    """State of the decoder's cache on disk; a library that cannot be loaded is not an error here."""
     try:
         from tactape_fab.sense.decode.warm import cache_folder, compiled
     except Exception as error:
@@ -269,13 +269,13 @@ def _node_module(name: str) -> str | None:
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:
-    """The report as lines: installation, libraries, programs, extras, and the line that installs each missing one."""
+    """The report as lines: installation, libraries, programs, extras, and how to install each missing one."""
     libraries = ", ".join(f"{name} {version or 'MISSING'}" for name, version in found.libraries.items())
     programs = [(p.name, p.path or "no", p.adds if p.path else f"{p.adds}; install {p.remedy}") for p in found.programs]
     extras = []
     for extra in found.extras:
         remedy = "" if extra.installed else f'; pip install "tactape-fab[{extra.name}]"'
-        if found.libraries and not extra.packages:  # its markers leave nothing of it here
+        if found.libraries and not extra.packages:  # its markers exclude everything here
             remedy = "; not for this Python"
         extras.append((extra.name, "yes" if extra.installed else "no", f"{extra.adds}{remedy}"))
     return [

@@ -1,4 +1,4 @@
-"""emboss: a kit's texture on a part of the user's."""
+"""emboss: puts a kit's texture on the user's own part."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def emboss(
 
 
 def distortion_lines(made: Embossed) -> list[str]:
-    """Warning of a texture that its place distorts by more than is good."""
+    """Warning lines if the surface distorts the texture too much."""
     from tactape_fab.make.emboss import worst_pitch_error
     from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR
     from tactape_fab.solids.surface.place import smaller_kit

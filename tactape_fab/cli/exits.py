@@ -1,4 +1,4 @@
-"""Errors of the package -> messages on standard error and an exit status."""
+"""Conversion of the package's errors to messages on standard error and an exit status."""
 
 from __future__ import annotations
 
@@ -19,33 +19,34 @@ from tactape_fab.base.errors import DesignRuleError, FrameError, Problem, SpecEr
 from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import echo_line, rule_lines
 
-# not within a word, a path, an option or quotes; then its index, and an equals
-# sign with a flag's or a list's text, or words that mean the value
+# a key that is not in a word, path, option or quotes; then its index; then an equals sign
+# and the value of a flag or list, or, as lookahead, words that follow a key
 _KEY = re.compile(
     r"(?<![\w.'-])(?:scene\.)?(\w+?)(?:\[(\d+)\])?(\[\d+\])?"
     r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]{0,200}\]))|(?= = | contradicts | is of ))"
 )
-"""A key of the package in a message, with the value of a flag or a list."""
+"""Matches an option's key in a message, such as ``size_mm[0] = ``, which is replaced by the option as typed."""
 _ARGUMENT = re.compile(r"(?<= )(\w+)=(?:'([\w-]+)'|([\w.-]+(?:,[\w.-]+)*))|(?<=give another )(\w+)")
-"""An argument that a remedy names as Python has it, ``world='open'``, with its value; a flag's is True."""
+"""Matches a Python argument in a remedy, such as ``world='open'`` or ``force=True``, which is replaced by the option."""
 _KITS = re.compile(r"(?:name the tape's|give (?:its|the|one of its)) kits?\b(?! that)")
-"""The kits that a remedy asks for, which are arguments of their own in Python."""
+"""Matches the request for kits in a remedy, to which ``--tape`` is added."""
 _PART = "\0"
-"""Behind the whole value that was typed, where a message is of a part of it: ``--size = '0x50': 0 mm is not above 0 mm``."""
+"""Marks the place between a whole typed value and a message about one part of it, to make
+``--size = '0x50': 0 mm is not above 0 mm``."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
 _MOST_CHARACTERS = 4000
-"""Of a problem that are printed, and looked at: a key of a hostile file has a megabyte."""
+"""Most characters of a problem that are searched and printed: a key of a hostile file may have a megabyte."""
 _MOST_LINES = 200
-"""Problems that are printed: a hostile file has one in each of 300,000 rows."""
+"""Most problems that are printed: a hostile file may have one in each of 300,000 rows."""
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that failed its verification."""
 
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Context manager: a stop request, or a terminal that is closed, ends the command as an error does. Unfinished files are
-    removed, and so are temporary folders and processes. The program that calls the command has its own handlers again afterwards.
-    The exit status is the signal's, also if a library made an error of its own of it.
+    """Context manager: SIGTERM, SIGHUP and Ctrl-C raise an exception in the block, so that unfinished files, temporary folders
+    and child processes are removed. The exit status is that of the signal, even if a library converts the exception to another
+    one. The caller's signal handlers are restored afterwards.
     """
     asked: list[int] = []
 
@@ -62,12 +63,12 @@ def ended_by_signals() -> Iterator[None]:
         before = {int(n): signal.getsignal(n) for n in numbers if n}
     try:
         for number, handler in before.items():
-            # nohup has one ignored, and the command goes on; a program that calls this one may have its own for Ctrl-C
+            # nohup ignores SIGHUP, which is respected; a calling program may have its own handler for Ctrl-C
             if handler != signal.SIG_IGN and (number != signal.SIGINT or handler == signal.default_int_handler):
                 signal.signal(number, leave)
         yield
     except BaseException:
-        # libraries turn what ends the command into an error of their own: __set_name__ of Python 3.11, reportlab's fonts
+        # __set_name__ of Python 3.11 and reportlab's fonts convert exceptions to others
         if asked and asked[-1] == signal.SIGINT:
             raise KeyboardInterrupt from None
         if asked:
@@ -75,7 +76,7 @@ def ended_by_signals() -> Iterator[None]:
         raise
     finally:
         for number, handler in before.items():
-            if handler is not None:  # one that no Python function set
+            if handler is not None:  # None: it was not set from Python
                 signal.signal(number, handler)
 
 
@@ -86,7 +87,7 @@ def fail(status: int, lines: Sequence[str]) -> NoReturn:
 
 
 def _options() -> dict[str, tuple[str, Any]]:
-    """The options and arguments that the user typed, with their texts, by the names of their values and their own."""
+    """Names and texts of the options and arguments that the user typed, by parameter name and by option name."""
     context = click.get_current_context(silent=True)
     if context is None:
         return {}
@@ -100,18 +101,18 @@ def _options() -> dict[str, tuple[str, Any]]:
 
 
 def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
-    """A message with options in place of keys whose values were given by one, and lists as typed."""
+    """A message in which keys given by an option are replaced by that option, and their values by the typed text."""
 
     def option(found: re.Match[str]) -> str:
         key, index, inner, flag, listed = found.groups()
         name, text = typed.get(key) or typed.get(_UNIT.sub("", key)) or ("", None)
-        if isinstance(text, tuple):  # of an option that may be given several times
+        if isinstance(text, tuple):  # the option may be given several times
             text, index = text[int(index or 0)] if int(index or 0) < len(text) else None, inner
-        # a flag's value in the message and a text that was typed: another option of that name
+        # the message has a flag's value, but the typed option of that name has a text: it is another option
         if not name or (flag and isinstance(text, str)):
             return found[0]
-        # of a value that was typed as a whole, such as 0x50, a message
-        # is about one part: the whole is shown, and the part behind it
+        # the message is about one part of a value that was typed as a
+        # whole, such as 0x50: the whole is shown, then the part
         if index is not None and isinstance(text, str):
             return f"{name} = {text!r}:{_PART}"
         return f"{name} = {text!r}" if listed and isinstance(text, str) else name + (f" = {listed}" if listed else "")
@@ -120,7 +121,7 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
 
 
 def _within(line: str) -> str:
-    """A message without what makes it too long; its end, which says the remedy, is kept."""
+    """A message shortened to `_MOST_CHARACTERS`; its end, which has the remedy, is kept."""
     more = len(line) - _MOST_CHARACTERS
     return (
         line
@@ -130,7 +131,7 @@ def _within(line: str) -> str:
 
 
 def _ways_of(names: Sequence[str], line: str) -> str:
-    """A message without those ways out that are options of other commands: tapes of a size are made by several."""
+    """A message without remedies that are options of other commands, as several commands share the code that refuses."""
     said, use, remedy = line.rpartition("; use ")
     ways = re.split(r",? or (?=--|a )", remedy)
     known = [way for way in ways if set(re.findall(r"--([\w-]+)", way)) <= {*names}]
@@ -138,7 +139,7 @@ def _ways_of(names: Sequence[str], line: str) -> str:
 
 
 def with_options(line: str) -> str:
-    """A message with options in place of arguments that its remedy names: ``--world open``; kits by ``--tape``."""
+    """A message whose remedy has options in place of Python arguments: ``--world open``, and ``--tape`` for kits."""
     context = click.get_current_context(silent=True)
     names = [option.lstrip("-") for p in (context.command.params if context else ()) for option in p.opts]
 
@@ -147,7 +148,7 @@ def with_options(line: str) -> str:
         value = found[2] or found[3]
         return found[0] if name not in names else f"--{name} {value}" if value and value != "True" else f"--{name}"
 
-    if names and "as-built" not in names:  # a command that takes the kit's file as it is
+    if names and "as-built" not in names:  # the command always uses the kit's own file
         way = "leave out --from" if "from" in names else "move its as-built.json away"
         line = line.replace("give as_built='none' for", f"{way} for")
     line = _ways_of(names, _ARGUMENT.sub(option, line))
@@ -155,7 +156,7 @@ def with_options(line: str) -> str:
 
 
 def _as_in_file(problem: Problem, typed: Mapping[str, tuple[str, Any]]) -> str:
-    """A problem's message: what is to be left out is named as in the spec file, where no option gave it."""
+    """A problem's message; a remedy that leaves out an option names the spec file's key, if no option gave the value."""
     key = problem.root
     name = _UNIT.sub("", key)
     if key in typed or name in typed:
@@ -166,7 +167,7 @@ def _as_in_file(problem: Problem, typed: Mapping[str, tuple[str, Any]]) -> str:
 def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = None) -> tuple[int, list[str]]:
     """Exit status and messages of an error of the package.
 
-    typed: Options that messages name in place of keys, with their texts; the keys of a file stay.
+    typed: The typed options, which replace keys in messages; keys of a file are kept.
     """
 
     def said(lines: Iterable[str]) -> list[str]:
@@ -186,17 +187,17 @@ def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = No
 
 @contextmanager
 def answers() -> Iterator[None]:
-    """Turn an error of the package into messages and an exit status; a message names an option as it was typed."""
+    """Context manager: turns an error of the package into messages, which name options as typed, and an exit status."""
     try:
         yield
     except TactapeError as error:
         status, lines = answer(error, _options())
-        lines = list(dict.fromkeys(map(with_options, lines)))  # both sides of 0x0 say the same
+        lines = list(dict.fromkeys(map(with_options, lines)))  # for 0x0 both parts give the same message
         more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
         fail(status, [*lines[:_MOST_LINES], *more])
     except MemoryError:
         fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
-    except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot
+    except ModuleNotFoundError as error:  # an installation without all dependencies, as on a robot
         if error.name is None or error.name.startswith("tactape_fab"):
             raise
         fail(FAILED, [missing(error.name, "this command")])

@@ -20,8 +20,8 @@ from tactape_fab.base.plain_text import one_line
 from tactape_fab.base.version import __version__
 from tactape_fab.cli.exits import ended_by_signals
 
-# Matrices of the decoder and of `calibrate` are small: threads of OpenBLAS would wait for each other, and took seven times the
-# processor time of one on two busy cores. Sums are then also the same on any number of cores. Before numpy is imported.
+# The decoder and `calibrate` have small matrices: OpenBLAS threads would wait for each other, and took seven times the processor
+# time of one on two busy cores. With one thread, sums are also the same on any number of cores. Set before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 COMMANDS = (
@@ -44,7 +44,7 @@ COMMANDS = (
     "verify",
     "watch",
 )
-"""Names of the commands; each is a function in the module of the same name beside this one."""
+"""Names of the commands; each is a function in the module of the same name in this package."""
 
 
 _PATH = re.compile(r"^\[?(KIT|DIR|FILE|FRAMES|SCAN|IMAGE|SPEC|POSES|AS-BUILT|SOURCE|COUPON|MODEL|KEY|PUB)")
@@ -52,9 +52,9 @@ _PATH = re.compile(r"^\[?(KIT|DIR|FILE|FRAMES|SCAN|IMAGE|SPEC|POSES|AS-BUILT|SOU
 
 
 class _Text(click.types.StringParamType):
-    """Text parameter; its shell completion depends on the parameter's metavar.
+    """Text parameter, with shell completion that depends on the metavar.
 
-    An empty path is refused: it would be the current folder, where a script's variable is not set.
+    An empty path, from a script's variable that is not set, is refused: it would be the current folder.
     """
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -78,16 +78,16 @@ def command(name: str) -> click.Command:
 
 
 _AGAIN_S = 0.05
-"""Time after which a signal that was dropped comes again: the function that dropped it has returned by then."""
+"""Delay after which a dropped signal is sent again, when the function that dropped it has returned."""
 _NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
-"""Windows has no quota of its own."""
+"""Windows does not define EDQUOT."""
 _OF_SIGNAL = 128
 INTERRUPTED = _OF_SIGNAL + signal.SIGINT
-"""Exit status of a command that Ctrl-C ends: 128 and the number of the signal, as shells have it."""
+"""Exit status of a command that Ctrl-C ends: 128 plus the number of the signal, as in shells."""
 
 
 class _Group(click.Group):
-    """Commands, imported on use. File names may hold characters that an ASCII terminal cannot show: they are escaped."""
+    """Commands, imported on use. Characters of file names that the terminal cannot show are escaped."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -99,12 +99,12 @@ class _Group(click.Group):
         try:
             with ended_by_signals():
                 return super().invoke(ctx)
-        except click.UsageError as error:  # click names arguments as they are: `coupon *` takes whatever names a folder holds
+        except click.UsageError as error:  # click quotes arguments unchanged, such as the file names of `coupon *`
             if error.message.isprintable():
                 raise
-            # click prints the message: what cannot be printed in it is escaped
+            # unprintable characters are escaped before click prints the message
             raise click.UsageError(one_line(error.message), error.ctx) from error
-        except KeyboardInterrupt:  # click's own answer is that of a failure, 1
+        except KeyboardInterrupt:  # click would exit with the status of a failure, 1
             click.echo("stopped by Ctrl-C", err=True)
             raise click.exceptions.Exit(INTERRUPTED) from None
 
@@ -117,7 +117,7 @@ class _Group(click.Group):
             return super().main(*args, **kwargs)
         except OSError as error:
             if _cannot_print(error):
-                sys.stdout = None  # flushing the rest of its buffer would fail again
+                sys.stdout = None  # flushing its buffer would fail again
                 said = f"standard output cannot be written: {error.strerror}; give it room, or another place"
             elif error.errno in _NO_ROOM:
                 import tempfile  # imported here: few commands need it
@@ -133,7 +133,7 @@ class _Group(click.Group):
 
 
 def _send(number: int) -> None:
-    """A signal to the main thread; one of the system where it has them, as that also ends what waits."""
+    """Send a signal to the main thread; by the system if it supports that, as it also interrupts blocking calls."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:
@@ -141,8 +141,8 @@ def _send(number: int) -> None:
 
 
 def _interrupted_again(dropped: sys.UnraisableHookArgs) -> None:
-    """Ctrl-C or a stop request once more, a moment later, where Python prints the first one's traceback and goes on: in a
-    function that is called from C, as numba's compiler does for each kernel.
+    """Repeat Ctrl-C or SIGTERM shortly after it was dropped: in a callback from C, as numba's compiler has for each kernel,
+    Python prints the exception's traceback and continues.
     """
     code = INTERRUPTED if issubclass(dropped.exc_type, KeyboardInterrupt) else getattr(dropped.exc_value, "code", None)
     if not (isinstance(code, int) and code > _OF_SIGNAL):
@@ -155,7 +155,7 @@ def _interrupted_again(dropped: sys.UnraisableHookArgs) -> None:
 
 def _cannot_print(error: OSError) -> bool:
     """Whether click's printing raised the error. Failures to write the package's own files have their own error class."""
-    # the innermost frame: an OSError of another module comes through click, too
+    # by the innermost frame, as an OSError of another module also passes through click
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next

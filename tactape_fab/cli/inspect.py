@@ -1,4 +1,4 @@
-"""inspect: measures where the parts of a tape are, from scans of it."""
+"""inspect: measures the places of a tape's parts in scans."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tactape_fab.sense.inspect.result import Inspection
 
 MOST_SHOWN = 40
-"""Number of deviations that are printed; the CSV and the JSON have all."""
+"""Most deviations that are printed; the CSV and the JSON have all."""
 
 
 @click.command()
@@ -107,7 +107,7 @@ def inspection_lines(inspection: Inspection) -> list[str]:
         f"mean shift against the lands {1000 * mean[0]:.1f} and {1000 * mean[1]:.1f} um",
     ]
     for scan in inspection.scans:
-        # px/mm to dots an inch
+        # px/mm to dots per inch
         u, v = (25.4 * s for s in scan.px_per_mm)
         if scan.growth is not None:
             lines.append(

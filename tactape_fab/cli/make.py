@@ -41,13 +41,13 @@ if TYPE_CHECKING:
     from tactape_fab.verify.signature import Signer
 
 _OBJECTS_A_COLLECTION = 50_000
-"""Garbage collection threshold: loading modules makes many objects and few cycles, and each collection scans all of them."""
+"""Garbage collection threshold, raised as loading modules makes many objects and few cycles, and each collection scans all."""
 _NAMED = 3
-"""Most tapes of a packed sheet that are named."""
+"""Most tapes of a packed panel that are named."""
 
 
 class _Make(click.Command):
-    """The command, which knows what is meant by an option of other tools."""
+    """The command; it has hints for options that other tools have."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
@@ -143,7 +143,7 @@ def make(
 
 
 def _ordered(values: dict[str, Any], given: dict[str, Any], house: str | None, contact: str | None) -> dict[str, Any]:
-    """The options with what --order decides; what it chose is printed."""
+    """The options with those that --order chooses, which are printed."""
     if house is None:
         if contact is not None:
             raise SpecError(
@@ -195,7 +195,7 @@ def _make_list(
     make = make_packed(packed, folder, workers=listed.workers, **settings) if pack else None
     table, begin = _KitTable(listed.tapes), time.monotonic()
     rows_shown = not as_json and sys.stdout is not None and sys.stdout.isatty()
-    show = (lambda *_: None) if rows_shown else step_shown()  # rows already show the progress
+    show = (lambda *_: None) if rows_shown else step_shown()  # rows show the progress
     made, failed, statuses = [], [], [0]
     noun = "panel" if pack else "kit"
     echo_lines([] if as_json else _packed_lines(packed) if pack else [table.header()])
@@ -245,7 +245,7 @@ def _kit_lines(kit: Kit) -> list[str]:
 
 
 def left_out(tape: Tape) -> str:
-    """The grid points that carry no part, because a hole or a rounded corner is there; "" if all do."""
+    """Text about grid points without a part because of a hole or a rounded corner; "" if there are none."""
     count = len(tape.omitted)
     cells = ", ".join(f"({column}, {row})" for column, row in tape.omitted[:_NAMED])
     more = f" and {count - _NAMED} more" * (count > _NAMED)
@@ -292,7 +292,7 @@ def _panel_lines(made: PanelKit) -> list[str]:
 
 
 class _KitTable:
-    """Kits as rows of a table, one by one: widths come from the list."""
+    """Kits as rows of a table, printed one by one; column widths follow from the list."""
 
     def __init__(self, tapes: Sequence[Planned]) -> None:
         self._name_width = max(len("kit"), *(len(tape.spec.name) for tape in tapes))
@@ -320,13 +320,13 @@ def _size(size_mm: Sequence[float]) -> str:
 
 
 def _summary(noun: str, made: int, count: int, folder: Path, seconds: float) -> str:
-    """Number of kits or panels of a list that were made, and the rate."""
+    """Text with the number of kits or panels that were made, and the rate."""
     rate = f", {made / seconds:.2g} {noun}s/s" if made and seconds > 0.0 else ""
     return f"made {made} of {counted(count, noun)} in {folder}; {seconds:.1f} s{rate}"
 
 
 def _packed_lines(films: Sequence[PackedFilm]) -> list[str]:
-    """Panels of each film, their yield, and the tapes on them."""
+    """Panels of each film, the covered fraction of their area, and the tapes on them, as lines."""
     lines = []
     for film in films:
         fab, shares = film.fab, film.shares

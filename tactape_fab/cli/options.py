@@ -1,4 +1,4 @@
-"""Options that several commands share, and how their texts become values."""
+"""Options that several commands share, and conversion of their texts to values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SENSOR_HELP = "Sensor profile, or a .toml file.  [default: gelsight-mini]"
 
 
 def number(text: str) -> Any:
-    # int and float of Python take 1_000: a typing error here
+    # Python's int and float accept 1_000, which is a typing error here
     if "_" in text:
         return text
     for read in (int, float):
@@ -35,7 +35,7 @@ def number(text: str) -> Any:
 
 
 def in_unit(unit: str) -> Callable[[str], Any]:
-    """Reader of a number that may have its unit behind it, whatever its case, as in 2N or 45 deg."""
+    """Reader of a number with or without its unit, case-insensitive, such as 2N or 45 deg."""
 
     def read(text: str) -> Any:
         # the micro sign (U+00B5) and the Greek letter (U+03BC) look the same
@@ -57,12 +57,12 @@ def lengths(text: str, separator: str) -> Any:
 
 def size(text: str) -> Any:
     parts = text.replace("×", "x").replace("X", "x")
-    # "1xx2" or "x5": no size, and said as it was typed
+    # "1xx2" or "x5" is not a size, and is reported as typed
     return text if "" in parts.split("x") else lengths(parts, "x")
 
 
 def contact_size(text: str) -> Any:
-    """Both axes, or the name; a text that does not have two parts is passed on unchanged."""
+    """Width and height of a contact, or the name of one; any other text is returned unchanged."""
     axes = size(text)
     return axes if len(axes) == 2 else text
 
@@ -72,15 +72,15 @@ def pair(text: str, read: Callable[[str], Any] = number) -> Any:
 
 
 def workers_option(what: str, usual: str, *others: str) -> Callable[[F], F]:
-    """Option --workers: processes here, or those of a Dask cluster."""
+    """Option --workers: a number of processes, or a Dask cluster."""
     said = f"Processes that {what}, or a Dask scheduler to give them to.  [default: {usual}]"
     return click.option("--workers", *others, "workers", metavar="N|tcp://HOST:PORT", help=said)
 
 
 def workers_of(text: str | None, usual: Workers | None = None) -> Workers:
-    """The workers of --workers; `usual`, or one for each processor, if it is left out.
+    """The value of --workers; by default `usual`, or one for each core.
 
-    Raises SpecError for what is neither a number of processes nor an address.
+    Raises SpecError if it is neither a number of processes nor an address.
     """
     from tactape_fab.base.pool import checked_workers
 
@@ -133,24 +133,24 @@ SENSORS = click.option(
     help="Sensor profile, or a .toml file; NAME=SENSOR:SOURCE for several sensors.  [default: gelsight-mini]",
 )
 _AFTER = 5
-"""Place of the sensor's option among the others."""
+"""Index of the sensor's option among the others."""
 
 
 def locating_options(command: F, sensor: Callable[[Any], Any] = _SENSOR) -> F:
-    """Add the options of a command that locates: registry, sensor, method and limits."""
+    """Add the options of commands that locate: registry, sensor, method and limits."""
     for option in reversed((*_LOCATING_OPTIONS[:_AFTER], sensor, *_LOCATING_OPTIONS[_AFTER:])):
         command = option(command)
     return command
 
 
 def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of a job (`sense.files.jobs.prepare`) from option texts; None for an option that is not given."""
+    """The settings of a job (`sense.files.jobs.prepare`) from the texts of options; None for an option that was not given."""
     names = ("as_built", "code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale", "refine")
     return {n: _LOCATING_TEXTS[n](given[n]) if n in _LOCATING_TEXTS and given[n] is not None else given[n] for n in names}
 
 
 def named_object(file: str | None, settings: Mapping[str, Any]) -> TapedObject | None:
-    """The object of --object; the misfit of its tags' measured corners is printed.
+    """The object of --object; prints the misfit of its tags' measured corners.
 
     An object's kits give code, W and Δ: these options are refused together with --object.
     """

@@ -1,4 +1,4 @@
-"""Lines that several commands print: tables, design rules, checks, progress, JSON."""
+"""Output that several commands share: tables, design rules, checks, progress, JSON."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ PURPOSES = (
     ("for simulators", ("sim",)),
     ("to look at", ("report",)),
 )
-"""Purposes of files and their roles, in the order in which make prints them."""
+"""Purposes of files, with their roles, in the order in which make prints them."""
 
 _CHECK_WIDTH, _MOST_NAMED = 24, 4
 _OF_ORDERS = ("part-count", "assembly-size", "together", "mark")
-"""Rules about an order: make prints their remarks, too."""
+"""Rules about an order, whose remarks make prints as well."""
 
 
 def rule_lines(findings: Sequence[Finding]) -> list[str]:
-    """The broken rules that block."""
+    """The broken blocking rules as lines."""
     return [f"{f.rule}: {f.message}{_at(f)}" for f in findings if f.blocks]
 
 
@@ -46,7 +46,7 @@ def finding_lines(findings: Sequence[Finding]) -> list[str]:
 
 
 def remark_lines(findings: Sequence[Finding]) -> list[str]:
-    """Remarks of rules of level info: the coverlay, anchor and bend in use, and limits that are not met."""
+    """Findings of level info as lines: the coverlay, anchor and bend in use, and limits that are not met."""
     said = [
         f for f in findings if f.level == "info" and (not f.passed or f.rule.startswith(("coverlay", "anchor", "bend", "mark")))
     ]
@@ -65,33 +65,33 @@ def _finding_row(finding: Finding) -> tuple[str, ...]:
 def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows as aligned columns."""
     rows = [[one_line(cell) for cell in row] for row in rows]
-    # characters, not columns of a terminal: names are ASCII, and the Greek letters of headers are one column wide
+    # widths in characters: names are ASCII, and the Greek letters of headers are one column wide
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
 
 
 def echo_check(check: Check) -> None:
-    """Print one line of a verification, in place of the progress on a terminal."""
+    """Print one line of a verification, replacing the progress on a terminal."""
     verdict = "ok  " if check.passed else "warn" if check.warning else "FAIL"
     clear_step()
     echo_line(f"{verdict}  {check.name.ljust(_CHECK_WIDTH)}  {check.message}")
 
 
 def verified_line(checks: Sequence[Check]) -> str:
-    """How many checks were made, and how many were not because what they need is missing."""
+    """Text with the number of checks, and of those that were skipped, with the reasons."""
     skipped = sum(check.skipped for check in checks)
     said = f"verified: {counted(len(checks) - skipped, 'check')} of the written files"
     return said + (f", {skipped} not run: {_why(checks)}" if skipped else "")
 
 
 def _why(checks: Sequence[Check]) -> str:
-    """Reasons why checks were not run."""
+    """Reasons why checks were skipped."""
     names = [check.name for check in checks if check.skipped]
     return f"{', '.join(names[:_MOST_NAMED])}{' and others' * (len(names) > _MOST_NAMED)}"
 
 
 def purpose_lines(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """The files of a result by purpose; `files` is role to path, relative to the folder."""
+    """The files of a result by purpose, as lines; `files` has paths by role, relative to the folder."""
     lines = []
     for purpose, roles in PURPOSES:
         paths = [str(folder / files[role]) for role in roles if role in files]
@@ -101,7 +101,7 @@ def purpose_lines(folder: Path, files: Mapping[str, str]) -> list[str]:
 
 
 def counted(count: int, noun: str) -> str:
-    """A number with its noun: 1 kit, 2 kits."""
+    """A number with its noun, such as ``1 kit`` or ``2 kits``."""
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
@@ -110,13 +110,13 @@ def echo_json(content: Any) -> None:
 
 
 def echo_line(line: str, *, err: bool = False) -> None:
-    """Print one line, whatever it holds: a name from an untrusted file neither ends it nor moves the cursor."""
+    """Print one line; control characters are escaped, as a name may come from an untrusted file."""
     try:
         click.echo(one_line(line), err=err)
     except OSError:
         if not err:
             raise
-        sys.stderr = None  # messages that nobody can be told stop no work; flushing the rest of its buffer would fail again
+        sys.stderr = None  # a closed stderr must not stop the work, and flushing its buffer would fail again
 
 
 def echo_lines(lines: Iterable[str]) -> None:
@@ -136,7 +136,7 @@ def warn(findings: Sequence[Finding]) -> None:
 
 
 def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
-    """Print what the order asks for, warnings and, with force, the broken rules that do not stop it."""
+    """Print remarks on the order, warnings and, with `force`, the broken blocking rules."""
     echo_lines_err(
         f"note: {f.rule}: {f.message}" for f in findings if f.level == "info" and not f.passed and f.rule in _OF_ORDERS
     )
@@ -149,19 +149,19 @@ def clear_step() -> None:
     """Clear the progress line of the terminal before a message."""
     if sys.stderr is not None and sys.stderr.isatty():
         with suppress(OSError):
-            # to the line's beginning, and clear to its end (ECMA-48, EL)
+            # carriage return, then erase in line (ECMA-48, EL)
             click.echo("\r\033[K", err=True, nl=False)
 
 
 def step_shown() -> Callable[[str, int, int], None]:
-    """Progress as one line of a terminal that is overwritten; nothing if the output is not a terminal."""
+    """Progress function that overwrites one line of the terminal; it prints nothing if stderr is not a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda *_: None
     return lambda text, done, count: click.echo(f"\r{one_line(text)} {done} of {count}\033[K", err=True, nl=done == count)
 
 
 def step_told(before: str) -> Callable[[str, int, int], None]:
-    """Progress of what takes long: as `step_shown` on a terminal, else a line when a step begins, and one when it ends."""
+    """Progress function for long work: on a terminal as `step_shown`, else a line when a step begins, and one when it ends."""
     if sys.stderr is None or sys.stderr.isatty():
         return step_shown()
     last = ""

@@ -1,4 +1,4 @@
-"""profiles: the fab profiles, or one explained."""
+"""profiles: lists the fab profiles, explains one, or confirms one by a coupon."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def profiles(fab: str | None, coupon: str | None, as_json: bool, **judged: str |
 
 
 def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: bool) -> None:
-    """Write the profile of a coupon that came back."""
+    """Write the fab profile that results from a returned coupon."""
     from tactape_fab.base.output_file import refuse_taken_place, write_file
     from tactape_fab.kit.profiles import load_fab
     from tactape_fab.kit.profiles.confirm import confirm, read_trials
@@ -84,7 +84,7 @@ def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: b
     write_file(place, found.text.encode("utf-8"), "output", overwrite=False)
     try:
         load_fab(output)
-    except SpecError:  # such as one that extends too many others
+    except SpecError:  # for example because it extends too many others
         place.unlink()
         raise
     if as_json:
@@ -124,7 +124,7 @@ def profiles_lines(fabs: Sequence[FabProfile]) -> list[str]:
 
 
 def profile_lines(profile: Mapping[str, Any]) -> list[str]:
-    """One fab profile explained, from the mapping of `explain_fab`."""
+    """One fab profile, from the mapping of `explain_fab`, as lines."""
     material, files = profile["material"], profile["files"]
     head = [
         f"{profile['name']}: {profile['title']}",

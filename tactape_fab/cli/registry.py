@@ -1,4 +1,4 @@
-"""registry: tapes, their conflicts, and their distances."""
+"""registry: lists tapes, their conflicts, and their distances."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tactape_fab.texture.tape import Tape
 
 MOST_COLUMNS = 12
-"""Most tapes for which a registry is printed as a matrix; above it the nearest tapes are printed."""
+"""Most tapes for which a matrix of distances is printed; for more, the nearest tapes are printed."""
 MOST_CONFLICTS = 40
 _NEAREST_TAPES = 20
 
@@ -53,7 +53,7 @@ def registry(kits: Sequence[str], workers: str | None, as_json: bool, pack: str 
 
 
 def _packed(kits: Sequence[str], path: Path, overwrite: bool) -> list[str]:
-    """Pack the tapes of some kits, and say so."""
+    """Write the packed registry of some kits; returns lines about it."""
     from tactape_fab.base.output_file import refuse_taken_place, write_file
     from tactape_fab.texture.packed import is_packed, pack
     from tactape_fab.texture.registry import read_registered
@@ -66,7 +66,7 @@ def _packed(kits: Sequence[str], path: Path, overwrite: bool) -> list[str]:
 
 
 def registry_lines(result: Registry) -> list[str]:
-    """Print the tapes, their conflicts, and the distance of every two."""
+    """The tapes, their conflicts, and the distance of every two, as lines."""
     names = result.names
     header = ("tape", "sector", "code", "origin", "grid", "size mm", "pitch mm", "tag", "fab")
     lines = [*table_lines(header, [_entry_row(n, e.tape, e.fab) for n, e in zip(names, result.entries, strict=True)]), ""]
@@ -110,7 +110,7 @@ def _distance(value: int) -> str:
 
 def _matrix(result: Registry) -> list[str]:
     names = result.names
-    # the lower triangle: the distance of two tapes is the same both ways
+    # the lower triangle, as the matrix is symmetric
     rows = [
         (name, *("" if b >= a else _apart(result, a, b) for b in range(len(names) - 1))) for a, name in enumerate(names) if a > 0
     ]
@@ -125,7 +125,7 @@ def _nearest(result: Registry) -> list[str]:
     lines = []
     for windows in result.across:
         count = Counter(int(d) for d in windows.matrix[windows.matrix != NO_WINDOWS])
-        # the matrix has each pair twice
+        # the matrix contains each pair twice
         said = ", ".join(f"{_distance(d)}: {n // 2} pairs" for d, n in sorted(count.items()))
         lines.append(f"{windows.side}x{windows.side}: {said or 'no windows'}")
     near = nearest_tapes(result.across[0], _NEAREST_TAPES)

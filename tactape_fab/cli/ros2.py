@@ -1,4 +1,4 @@
-"""ros2: the ROS 2 node, or a package of it."""
+"""ros2: runs the ROS 2 node, or writes a package for it."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
         if for_ros and package is not None:
             message = "--ros-args is for a node that runs; leave it out, and write parameters into config/tactape.yaml"
             raise SpecError(Problem("ros-args", message))
-        kits = [*kits, *more]  # --tape A B, as shells expand patterns
+        kits = [*kits, *more]  # a shell expands a pattern to --tape A B
         given: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
-        if sensor is not None and package is not None and sensor.endswith(".toml"):  # the node starts in another folder
+        if sensor is not None and package is not None and sensor.endswith(".toml"):  # the node runs in another folder
             given["sensor"] = str(Path(sensor).resolve())
         if kits:
             given["kits"] = [str(Path(kit).resolve()) if package is not None else kit for kit in kits]

@@ -1,4 +1,4 @@
-"""simulate: depth maps of a kit's tape."""
+"""simulate: writes depth maps of a kit's tape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""survey: where the parts of a tape are, from frames of its use."""
+"""survey: measures the places of a tape's parts in frames of its use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""verify: reads a written kit back."""
+"""verify: reads a written kit back, and compares it with its manifest."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def verify(
             before = () if verification is None else verification.checks
             how: dict[str, Any] = {"overwrite": overwrite, "quick": quick, "reproduce": reproduce}
             verification = _verified(kit, contact, sensor, map_file, said, workers, **how)
-            # without a key the signature is looked at last: a signed kit has a warning then, an unsigned one no line
+            # without a key the signature comes last: a signed kit gets a warning, an unsigned one no line
             verification = replace(verification, checks=(*verification.checks, *(before or _signed(kit, None, said).checks)))
         clear_step()
         if as_json:
@@ -90,7 +90,7 @@ def _verified(
     quick: bool,
     reproduce: bool,
 ) -> Verification:
-    """The verification of a kit; its map is drawn if asked for. All invalid values are refused together."""
+    """The verification of a kit; draws its map if asked for. All invalid values are refused together."""
     from tactape_fab.verify import read_contact, verify_kit
 
     problems: list[Problem] = []
@@ -122,7 +122,7 @@ def _verified(
         return _reproduced(kit, lambda _: None, required=False).checks
 
     verification = verify_kit(kit, quick=quick, contact=touched, progress=step, said=said, beside=again, workers=count or 1)
-    if path is not None and touched is not None and verification.checks[0].passed:  # only if its manifest can be read
+    if path is not None and touched is not None and verification.checks[0].passed:  # only if the manifest can be read
         from tactape_fab.verify.trip.map import map_kit
 
         map_kit(kit, path, touched, verification.trips, step, overwrite=overwrite)
@@ -130,7 +130,7 @@ def _verified(
 
 
 def _signed(kit: str, key: str | None, said: Said) -> Verification:
-    """Whether a kit is signed as it should be: before anything else of it is read."""
+    """Verification of a kit's signature, before anything else of the kit is read."""
     from tactape_fab.verify.signature import check_signed
     from tactape_fab.verify.verification import collected
 

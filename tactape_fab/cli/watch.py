@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from tactape_fab.sense.objects.taped_object import TapedObject
 
 _TERMINAL_S, _LOG_S = 0.1, 10.0
-"""Time between two status lines, s: on a terminal, where they are overwritten, and in a file."""
+"""Time between status lines, s: on a terminal, where they are overwritten, and in a file."""
 _NAMED = re.compile(r"([A-Za-z]\w{0,31})=([^:]+):(.+)", re.ASCII)
-"""NAME=SENSOR:SOURCE; the name becomes part of topics, which ROS wants so."""
+"""NAME=SENSOR:SOURCE; the name becomes part of a topic, so its characters are those that ROS allows."""
 
 Output = Callable[["Located", str], bool]
 
@@ -101,7 +101,7 @@ def watch(
                 outputs.insert(0, partial(_print, thing))
             _run(watches, tallies, stop, outputs, count=count)
     if any(tally.troubles for tally in tallies.values()) and not any(tally.answered for tally in tallies.values()):
-        sys.exit(FAILED)  # something came, but not one frame that could be used
+        sys.exit(FAILED)  # frames arrived, but none could be used
 
 
 def _print(thing: TapedObject | None, located: Located, name: str) -> bool:
@@ -113,7 +113,7 @@ def _print(thing: TapedObject | None, located: Located, name: str) -> bool:
 
 
 def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]) -> tuple[list[Wanted], list[str]]:
-    """The sensors that are to be watched, and the argument in the place of SOURCE where it is a kit."""
+    """The sensors to watch, and the argument in place of SOURCE if it is a kit."""
     from tactape_fab.base.errors import Problem, SpecError
     from tactape_fab.base.fields import shown
     from tactape_fab.sense.files.jobs import is_kit
@@ -121,7 +121,7 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
     from tactape_fab.texture.packed import is_packed
 
     named = [found for text in sensors if (found := _NAMED.fullmatch(text))]
-    # a path may hold an equals sign; beside a sensor that has a name, what is before one is a name
+    # a path may contain an equals sign; if another sensor has a name, the text before the sign is a name
     form = r"[^=]*=[^:]+:.+" if named else r"[^=/]*=[^:]+:.+"
     misnamed = [text for text in sensors if not _NAMED.fullmatch(text) and re.fullmatch(form, text)]
     if misnamed:
@@ -148,7 +148,7 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
 
 
 def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes:
-    """How a sensor's source is read: values that are given for its name, else those given for none."""
+    """Settings for reading a sensor's source: values given for its name, else those given without a name."""
     from tactape_fab.sense.live.opening import Wishes
 
     def value(option: str, read: Callable[[str], Any] = str) -> Any:
@@ -164,7 +164,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
         idle=value("idle", seconds),
         crop=value("crop", pair),
         no_drop=given["no_drop"],
-        # some sensors of several have a background or a network: one without either gives depth
+        # if other sensors have a background or a network, one without either gives depth
         raw=given["raw"] and not (some_raw and background is None and weights is None),
         background=background,
         weights=weights,
@@ -172,7 +172,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
 
 
 def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, Any]) -> tuple[int | None, list[Watch]]:
-    """Number of answers after which to end (None: no end), and the opened sources with their jobs."""
+    """Number of answers after which to end (None for no end), and the opened sources with their jobs."""
     from tactape_fab.base.errors import Problem, SpecError, refuse, tried
     from tactape_fab.base.fields import Fields, shown
     from tactape_fab.base.libraries import missing
@@ -187,7 +187,7 @@ def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, A
         table.problem("mcap", "--frame-id and --sensor-frame are for messages; give --mcap FILE.mcap with them, or --zenoh local")
     for key in ("frame-id", "sensor-frame"):
         name = given[key.replace("-", "_")]
-        if name is not None and not (name and name.isprintable()):  # nor are bytes that are no UTF-8
+        if name is not None and not (name and name.isprintable()):  # bytes that are not UTF-8 are not printable either
             table.problem(key, f"--{key} = {shown(name)} is no name of a frame; give letters, digits and _, or leave it out")
     if wanted[0].name and given["sensor_frame"] is not None:
         table.problem("sensor-frame", "--sensor-frame is for one sensor; of several, each has its name as frame; leave it out")
@@ -211,7 +211,7 @@ def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, A
 def _outputs(
     stack: ExitStack, names: Sequence[str], watched: Watch, thing: TapedObject | None, given: dict[str, Any]
 ) -> list[Output]:
-    """Functions that write or show an answer of a sensor; each returns False where an answer has no timestamp that it needs."""
+    """Functions that write or show an answer of a sensor; each returns False if the answer lacks a timestamp that it needs."""
     from tactape_fab.sense.live.topics import Naming
 
     outputs: list[Output] = []
@@ -250,7 +250,7 @@ def _run(
                 if not write(located, name):
                     message = f"frame {located.frame} has no timestamp that a message can have; it is not written"
                     tallies[name].trouble(Trouble(kind="no timestamp", message=message))
-            # the tally counts this answer only when the next one is asked for
+            # the tally counts this answer only when the next one is requested
             if count is not None and sum(tally.answered for tally in tallies.values()) + 1 >= count:
                 stop.set()
         _warn(tallies)
@@ -267,12 +267,12 @@ def _status(tallies: Mapping[str, Tally]) -> str:
 
 
 def _of(name: str, line: str) -> str:
-    """A line about one of several sensors."""
+    """A line with the name of its sensor, if there are several."""
     return f"{name}: {line}" if name else line
 
 
 def _cut(line: str) -> str:
-    """A line cut to the terminal's width, because only one line can be overwritten."""
+    """A line cut to the terminal's width, as only one line can be overwritten."""
     import shutil
 
     return line[: shutil.get_terminal_size().columns - 1]
@@ -295,7 +295,7 @@ def _end(tallies: Mapping[str, Tally]) -> None:
 
 @contextmanager
 def _ended_by_signals(stop: Event) -> Iterator[None]:
-    """Set an event on Ctrl-C, SIGTERM, or a closed terminal: the current answer is finished, files are closed.
+    """Context manager: Ctrl-C, SIGTERM and SIGHUP set an event, so that the current answer is finished and files are closed.
 
     A second signal interrupts.
     """
@@ -303,10 +303,10 @@ def _ended_by_signals(stop: Event) -> Iterator[None]:
 
     def end(which: int, _: object) -> None:
         stop.set()
-        # the handler from before: the second signal interrupts
+        # the previous handler is restored, so that a second signal interrupts
         signal.signal(which, before[signal.Signals(which)])
 
-    # Windows has no SIGHUP; nohup has it ignored, and the command goes on
+    # Windows has no SIGHUP; nohup ignores it, which is respected
     hangup = getattr(signal, "SIGHUP", signal.SIGTERM)
     ending = {signal.SIGINT, signal.SIGTERM} | ({hangup} if signal.getsignal(hangup) != signal.SIG_IGN else set())
     for which in sorted(ending):

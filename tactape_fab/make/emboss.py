@@ -1,4 +1,4 @@
-"""emboss_kit: a kit's texture on the user's own part, checked and then put in place as one finished folder."""
+"""emboss_kit: puts a kit's texture on the user's own part, verifies the result, and publishes it as one folder."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ from tactape_fab.verify.models.embossed import check_embossed
 
 STEP_FORMATS = ("step", "stp")
 STEP_CPU_S, MESH_CPU_S = 5.0, 30.0
-"""Processor time for the first MB of a STEP file and for each further one: to read it, which took 0.7 s at most, and to mesh it
-within `chord_error_mm`, which took 7 s for a ball of 30 mm and 12 s for each MB of a plate of 400 holes."""
+"""Limit of processor time per MB of a STEP file, at least one MB: for reading, which took at most 0.7 s, and for meshing within
+`chord_error_mm`, which took 7 s for a ball of 30 mm and 12 s per MB of a plate with 400 holes."""
 _LOADING_S = 30.0
 STEP_MEMORY_BYTES, STEP_MEMORY_PER_BYTE = 3 << 30, 400
 _FUSING_S, _FUSING_BYTES = 10, 32 << 30
-"""Those of fusing elements with a solid that has proved valid, the time for each element."""
+"""Limits for fusing elements with a valid solid: processor time per element, and memory."""
 _FAR = 10.0
-"""Distance of the points to which the sides of a part are the nearest, in its largest dimension."""
+"""Distance of the points from which the sides of a part are found, as a multiple of its largest dimension."""
 Point = tuple[float, float, float]
 
 
@@ -68,7 +68,7 @@ class Embossed:
     path: Its folder.
     surface: The manifest's ``surface``: source, place, radius, distortion, volumes.
     checks: Every line of its verification.
-    files: Role to path, relative to the folder.
+    files: Paths by role, relative to the folder.
     """
 
     path: Path
@@ -99,7 +99,7 @@ class _Source:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Made:
-    """The texture on the part and, for a STEP source only, its face's index and the fused STEP file."""
+    """The texture on the part; for a STEP source also the index of its face and the fused STEP file."""
 
     laid: LaidOut
     fused: Fused
@@ -129,7 +129,7 @@ def emboss_kit(
     unit {"mm", "cm", "m", "inch"}: Unit of an STL, OBJ or PLY. 3MF and STEP files state their own.
     sim: Add assets for simulators.
     progress: Called with the name of the step, the number of finished elements and their total.
-    known: Problems already found; raised together with all others.
+    known: Problems already found, which are raised together with all others.
     Raises SpecError if the kit or the part cannot be read, the part is not a solid, or the texture does not fit on it.
     Raises MissingLibraryError if the extra ``cad`` is not installed.
     Raises VerifyError if the written files fail the verification; nothing is left at `output`.
@@ -147,7 +147,7 @@ def emboss_kit(
         raise SpecError(problems)
     content, tape = kit
     library("manifold3d", "emboss")
-    # of the characters that every file system takes; a leading dot would hide the folder, a leading hyphen look like an option
+    # only characters that every file system accepts; a leading dot would hide the folder, a leading hyphen look like an option
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
     if target is None:
         target = source.path.parent / name
@@ -159,14 +159,14 @@ def emboss_kit(
         artifacts += render_part_sim(name, made.fused.mesh)
     surface = _surface(source, made, unit)
     manifest = {
-        **{key: value for key, value in content.items() if key != "made"},  # of the kit's own files
+        **{key: value for key, value in content.items() if key != "made"},  # "made" describes the kit's own files
         "tool": TOOL,
         "surface": surface,
         "files": file_rows(artifacts),
     }
     progress("verifying", tape.part_count, tape.part_count)
     data = {a.role: a.data for a in artifacts}
-    # before anything is at the target: a part that fails leaves no folder
+    # before anything is at the target, so that a failure leaves no folder
     checks = tuple(check_embossed(manifest, data["stl"], data["placements"]))
     if not all(check.passed or check.warning for check in checks):
         raise VerifyError(checks)
@@ -218,7 +218,7 @@ def _read_model(path: Path, kind: str) -> _Source:
 
 def _on_mesh(tape: Tape, source: _Source, placement: Placement, unit: str, progress: Progress) -> _Made:
     mesh = read_surface_mesh(source.data, source.kind, unit)
-    # before the mesh is closed and searched: a part in the wrong unit is a thousand times too large or small
+    # before the mesh is processed, as a part in the wrong unit may be a thousand times too large or small
     refuse_wrong_size(np.ptp(mesh.vertices_mm, axis=0), None if source.kind == "3mf" else unit, texture_size_mm(tape))
     refuse_far_away(mesh.vertices_mm)
     mesh = closed_mesh(mesh)
@@ -228,10 +228,10 @@ def _on_mesh(tape: Tape, source: _Source, placement: Placement, unit: str, progr
 
 
 def _sides_mm(mesh: Mesh) -> list[Point]:
-    """Points of a mesh nearest to far ones along the axes of its coordinates: its sides, its back and its lower end."""
+    """Points of a mesh that are nearest to distant points along its coordinate axes: places on its six sides."""
     low, high = mesh.vertices_mm.min(axis=0), mesh.vertices_mm.max(axis=0)
     middle, facets = (low + high) / 2, Facets(mesh=mesh)
-    # ten times its largest dimension away: the nearest point of the part is then on the side that faces the axis, not in a hollow
+    # from ten times its largest dimension the nearest point is on the side that faces the axis, not in a hollow
     far = [middle + sign * _FAR * float((high - low).max()) * axis for axis in np.eye(3) for sign in (1, -1)]
     return [(float(x), float(y), float(z)) for x, y, z in (facets.nearest(point)[1] for point in far)]
 
@@ -239,13 +239,13 @@ def _sides_mm(mesh: Mesh) -> list[Point]:
 def laid_well(
     tape: Tape, chart_at: Callable[[Point | None], Chart], placement: Placement, others_mm: Sequence[Point] = ()
 ) -> LaidOut:
-    """The texture where it was asked to be, or else at a place where its pitch is right within `MOST_PITCH_ERROR`.
+    """The texture at the given place, or by default at a place where the error of its pitch is within `MOST_PITCH_ERROR`.
 
-    chart_at: The chart at a point; None for the surface's usual place, which is taken if it is good.
-    others_mm: Places that are tried beside it; the one of least error is taken.
+    chart_at: Gives the chart at a point, or for None at the surface's default place, which is used if it is good enough.
+    others_mm: Other places to try; the one of least error is used.
     Raises SpecError if the texture fits nowhere, or nowhere without a larger error and no place was asked for.
     """
-    # a place that was asked for is taken as it is: its distortion is recorded, not refused
+    # at a given place any distortion is accepted and recorded
     if placement.at_mm is not None or placement.face is not None:
         return lay_out(tape, chart_at(placement.at_mm))
     refused: list[Problem] = []
@@ -270,12 +270,12 @@ def laid_well(
 
 
 def worst_pitch_error(distortion: Mapping[str, float | None]) -> float:
-    """Largest error of the pitch, either way, of a recorded distortion."""
+    """Largest error of the pitch, too long or too short, of a recorded distortion."""
     return max(abs(float(distortion[key] or 0.0)) for key in ("pitch_error_min", "pitch_error_max"))
 
 
 def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progress: Progress) -> _Made:
-    """As `_on_mesh`, in a process of its own, with limits: a mutated STEP file can crash OCCT, or keep it busy for ever."""
+    """As `_on_mesh`, in a child process with limits, as a damaged STEP file can crash OCCT or keep it busy for ever."""
     with ProcessPool(1, progress) as pool:
         try:
             return pool.submit(_on_step_alone, tape, source, placement).result()
@@ -286,10 +286,10 @@ def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progr
 
 
 def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
-    # a time for each MB, one MB at least: small files pay for the kernel's own start, too
+    # time per MB, at least one MB, as the CAD kernel needs some time in any case
     progress, megabytes = tell, max(1.0, len(source.data) / 1e6)
     memory_bytes = STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * len(source.data)
-    # limits are set anew for each step and count from what is used so far: loading the kernel, reading, meshing, fusing
+    # limits are set anew before each step (loading the kernel, reading, meshing, fusing), on top of what was used before
     limit_self(cpu_s=_LOADING_S, memory_bytes=memory_bytes)
     library("build123d", "emboss")
     from tactape_fab.solids.surface.part_step import FaceChart, read_step_solid
@@ -303,7 +303,7 @@ def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
     progress("mapping", 0, tape.part_count)
     limit_self(cpu_s=MESH_CPU_S * megabytes, memory_bytes=memory_bytes)
     mesh = model.tessellated()
-    # the solid is valid and its faces are known: what follows grows with the elements alone, 60 of which stand for the base cost
+    # the remaining time grows with the number of elements; 60 more stand for the base cost
     limit_self(cpu_s=_FUSING_S * (60 + tape.part_count), memory_bytes=_FUSING_BYTES)
     laid = laid_well(tape, lambda _: chart, placement)
     fused = fuse_mesh(mesh, laid, progress, chord_error_mm=model.chord_error_mm)

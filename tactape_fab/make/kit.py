@@ -1,4 +1,4 @@
-"""make_kit: makes a kit in a temporary folder, verifies it there, then moves it to its final name."""
+"""make_kit: makes a kit in a temporary folder, verifies it there, and renames the folder."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Kit:
     checks : tuple of Check
         Every line of its verification; empty without verification.
     files : dict of str to str
-        Role to path, relative to the folder.
+        Paths by role, relative to the folder.
     search : Choice or None
         Result of the search for the origin; None without a search.
     """
@@ -180,7 +180,7 @@ def fill_kit(
     progress("writing")
     files = {artifact.role: artifact.path for artifact in artifacts}
     artifacts.reverse()
-    # each is let go once it is written: of 200,000 parts they take as much memory as a model or the report does
+    # each artifact is released once it is written: with 200,000 parts they take as much memory as a model or the report
     write_kit(folder, content, (artifacts.pop() for _ in range(len(artifacts))))
     checks: tuple[Check, ...] = ()
     if verify:
@@ -219,7 +219,7 @@ def rendered(examined: Examined) -> tuple[list[AnyArtifact], dict[str, Any]]:
 
 
 def refuse_wrong_how(*, verify: object, force: object, signer: object) -> None:
-    """Refuse options of making that are none, before the work. Raises SpecError."""
+    """Refuse arguments of the wrong type before the work. Raises SpecError."""
     from tactape_fab.verify.signature import Signer
 
     for key, value in (("verify", verify), ("force", force)):
@@ -232,7 +232,7 @@ def refuse_broken(
 ) -> list[Finding]:
     """Refuse a path that is taken, and broken rules unless they are forced; returns the broken ones.
 
-    `drawn` is the tape, or those of a panel: something that cannot be drawn is refused even if forced.
+    `drawn` is the tape, or the tapes of a panel; models that cannot be built are refused even with `force`.
     """
     blocking = [finding for finding in findings if finding.blocks]
     try:
@@ -245,7 +245,7 @@ def refuse_broken(
     first = drawn[0]
     form = drawn_form(first.spec, first.tape)
     never = (
-        # a chip larger than its cell may be forced onto a film, but its models would overlap, and no file can say them
+        # a chip larger than its cell may be forced onto a film, but its models would overlap, which no file can represent
         undrawable(form_problems(first.tape, form), first.spec, first.film)
         if force and form is not None and first.film is not None
         else []
@@ -256,5 +256,5 @@ def refuse_broken(
 
 
 def forced(finding: Finding) -> dict[str, Any]:
-    """A broken rule as recorded in the manifest of a kit made in spite of it."""
+    """Record of a broken rule in the manifest of a kit that was made in spite of it."""
     return {"rule": finding.rule, "value": finding.value, "limit": finding.limit, "message": finding.message}

@@ -1,4 +1,4 @@
-"""Many kits: made in several processes, each by `make_kit`, and their tapes packed into panels."""
+"""Lists of kits, made in several processes, and packing of their tapes into panels."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class FailedKit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedFilm:
-    """Tapes that fit on one kind of film, packed into panels of the fab, and the panels' names."""
+    """Tapes of one fab, part and laminate, packed into panels, and the panels' names."""
 
     fab: FabProfile
     tapes: tuple[Planned, ...]
@@ -83,7 +83,7 @@ class PackedFilm:
         return [sum(prod(p.size_mm) for p in panel.panel.places) / prod(panel.panel.size_mm) for panel in self.panels]
 
     def to_mapping(self) -> dict[str, Any]:
-        """Panels with the places of their tapes, in the frame of the panel: its lower left corner, rails included."""
+        """Panels with the places of their tapes, in the panel's frame: origin at its lower left corner, rails included."""
         panels = [
             {
                 "name": name,
@@ -106,7 +106,7 @@ class PackedFilm:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ordered:
-    """Request for a kit or a panel to a process: the tapes' specs, and how it is made."""
+    """A kit or panel for a worker to make: the tapes' specs, and the settings."""
 
     name: str
     specs: tuple[TapeSpec, ...]
@@ -115,7 +115,7 @@ class Ordered:
     panel: Panel | None = None
 
     def settings(self, again: bool) -> dict[str, Any]:
-        """How it is made; `again`: in place of the same, which a process left that died."""
+        """Arguments for making it; with `again` it may replace its equal, which a process that died may have left."""
         return {**self.how, "overwrite": self.how["overwrite"] or ("same" if again else False)}
 
 
@@ -180,8 +180,8 @@ def make_kits(
 
 @contextmanager
 def _made_folder(folder: Path) -> Generator[None]:
-    """The folder of a list; folders that hold nothing in the end are removed again."""
-    # looked at before mkdir: these are the ones that are made here
+    """Context manager: makes the folder of a list; new folders that are empty at the end are removed."""
+    # before mkdir: these folders are new
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -190,7 +190,7 @@ def _made_folder(folder: Path) -> Generator[None]:
     try:
         yield
     finally:
-        for parent in missing:  # innermost first; a folder that holds a kit is kept
+        for parent in missing:  # innermost first; a folder that contains a kit is kept
             with suppress(OSError):
                 parent.rmdir()
 
@@ -198,7 +198,7 @@ def _made_folder(folder: Path) -> Generator[None]:
 def _in_processes(
     make: Callable[[Ordered, bool], Result], orders: Sequence[Ordered], workers: Workers
 ) -> Generator[Result | FailedKit]:
-    """Result of each order in turn, as soon as it is known."""
+    """Results in the order of `orders`, each as soon as it is known."""
     # a worker of a cluster has an environment of its own
     answered = partial(_answered, make, Path.cwd(), build_date(), time.time())
     results = mapped(answered, orders, workers, lost=_lost, isolated=True)
@@ -212,10 +212,10 @@ def _in_processes(
 def _answered(
     make: Callable[[Ordered, bool], Result], folder: Path, date: datetime, since: float, order: Ordered
 ) -> Result | FailedKit:
-    """Do one order in its own process with the user's date, in their current folder so that relative paths are resolved there."""
+    """Make one order in a worker with the user's build date and current folder, in which relative paths are resolved."""
     import cv2
 
-    # processes are the workers: threads of OpenCV in each would only take cores from the others
+    # the workers use all cores, so that OpenCV's threads would only compete with them
     cv2.setNumThreads(1)
     try:
         os.chdir(folder)
@@ -231,9 +231,9 @@ def _answered(
 
 
 def _stands(path: Path, since: float) -> bool:
-    """Whether it was made since: by a process of this run that died before it could say so, or by another run."""
+    """Whether a kit was made since: by a process of this run that died before it could answer, or by another run."""
     try:
-        # an older one was refused
+        # an older kit was refused
         return (path / MANIFEST_NAME).stat().st_mtime >= since
     except OSError:
         return False
@@ -270,7 +270,7 @@ def _lost(order: Ordered, lost: LostProcessError) -> FailedKit:
 
 
 def pack_tapes(tapes: Sequence[Planned]) -> list[PackedFilm]:
-    """Pack the tapes of a list into panels of their fabs; only tapes of one fab, part and laminate share a panel."""
+    """Pack the tapes of a list into panels; only tapes of one fab, part and laminate share a panel."""
     kinds: dict[tuple[object, ...], list[Planned]] = {}
     for tape in tapes:
         spec = tape.spec
@@ -297,9 +297,9 @@ def make_packed(
     signer: Signer | None = None,
     workers: Workers,
 ) -> Generator[PanelKit | FailedKit]:
-    """Make packed panels with all their kits, each in the folder under its name; as `make_kits` does kits.
+    """Make packed panels with all their kits, each in the folder under its name; arguments as for `make_kits`.
 
-    Raises SpecError if the path of a panel is taken; nothing is made.
+    Raises SpecError if the path of a panel is taken; nothing is made then.
     """
     how = {"overwrite": overwrite, "verify": verify, "force": force, "signer": signer}
     orders = [

@@ -1,4 +1,4 @@
-"""Panels: several tapes made with their kits in one folder, which gets its final name when it is verified."""
+"""Panels: several tapes with their kits in one folder, which gets its final name after verification."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PanelKit:
     checks : tuple of Check
         Checks of the panel and of every kit in it; empty without verification.
     files : dict of str to str
-        Role to path of the panel's own files.
+        Paths of the panel's own files by role.
     kits : tuple of str
         Folders of the kits, relative to `path`.
     """
@@ -99,7 +99,7 @@ def make_panel(
     Parameters
     ----------
     examined : ExaminedPanel
-        From `examine_order`, of an order of a panel; a tape's is refused.
+        Result of `examine_order` for a panel; that of a single tape is refused.
     path : str or Path, optional
         Folder of the panel; by default its name in the current folder.
     overwrite : bool or "edits"
@@ -116,7 +116,7 @@ def make_panel(
     Raises
     ------
     SpecError
-        If it is no panel, or `path` is taken.
+        If it is not a panel, or `path` is taken.
     DesignRuleError
         If a rule of the fab profile is broken.
     VerifyError
@@ -149,7 +149,7 @@ def _kit_folder(tape: Examined) -> str:
 def fill_panel(
     folder: Path, examined: ExaminedPanel, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
 ) -> tuple[list[AnyArtifact], tuple[Check, ...]]:
-    """Write a panel with all its kits into a folder, as `tactape_fab.make.kit.fill_kit` does a kit.
+    """Write a panel with all its kits into a folder, as `tactape_fab.make.kit.fill_kit` writes a kit.
 
     Raises VerifyError if the written files of a kit or of the panel fail the verification.
     """
@@ -167,11 +167,11 @@ def fill_panel(
         from tactape_fab.verify.panel import verify_panel_folder
 
         progress("verifying the panel")
-        # kits=False: each was verified by fill_kit, and is not read again
+        # kits=False: fill_kit has verified them
         verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
         verification.raise_if_failed()
         own = verification.checks
-    tapes, findings = [tape.tape for tape in examined.tapes], examined.findings_on_panel  # the report's map goes to their places
+    tapes, findings = [tape.tape for tape in examined.tapes], examined.findings_on_panel  # the report maps findings on the panel
     artifacts.append(add_panel_report(folder, content, tapes, checks=own, findings=findings))
     return artifacts, (*checks, *own)
 

@@ -1,4 +1,4 @@
-"""Publishing of a finished folder under its final name in one step; an interruption leaves no partial files."""
+"""Atomic publishing of a finished folder under its final name; an interruption leaves no partial files."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from tactape_fab.texture.manifest import MANIFEST_NAME
 if TYPE_CHECKING:
     from tactape_fab.verify.signature import Signer
 
-# of linux/fs.h and fcntl.h: exchange both names; paths count from the current folder
+# from linux/fs.h and fcntl.h: exchange both names; paths are relative to the current folder
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
 
 
 @contextmanager
 def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | None = None) -> Iterator[Path]:
-    """Context manager: a new folder beside `target` that replaces it at the end of the block, or is removed after an error.
+    """Context manager: a new folder beside `target`, which gets its name at the end of the block, or is removed after an error.
 
-    what: Kind of the written folder, for the error message.
+    what: Kind of result, for the error message.
     overwrite: Replace an older kit of this tool.
-    signer: Signs what the folder holds at the end.
+    signer: Signs the folder at the end of the block.
     Raises TactapeError if the folder or a file in it cannot be written.
     """
     folder = unfinished(target)
@@ -57,25 +57,25 @@ def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | 
 
 
 def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
-    """Remove what is not finished."""
+    """Remove an unfinished folder, and new parents that are empty."""
     shutil.rmtree(folder, ignore_errors=True)
-    for parent in new_parents:  # innermost first; a folder that holds a kit is kept
+    for parent in new_parents:  # innermost first; a folder that contains a kit is kept
         with suppress(OSError):
             parent.rmdir()
 
 
 def put_in_place(folder: Path, target: Path, *, overwrite: Overwrite) -> None:
-    """Give a finished folder its name; other processes see the old kit or the new one, never a mixture."""
-    # a dangling link does not exist and is a name that is taken
+    """Give a finished folder its final name; other processes see the old kit or the new one, never a mixture."""
+    # `exists` is false for a dangling link, whose name is taken all the same
     if not (target.exists() or target.is_symlink()):
         folder.rename(target)
         return
     if overwrite == "same" and (target / MANIFEST_NAME).read_bytes() != (folder / MANIFEST_NAME).read_bytes():
         overwrite = False
-    refuse_taken(target, overwrite=overwrite)  # again: it may have been created since
+    refuse_taken(target, overwrite=overwrite)  # again, as it may have been created since
     if _exchange(folder, target):
         return
-    # without an atomic exchange: the old kit gets an unfinished name, and its own again if the new one fails
+    # without an atomic exchange the old kit is moved aside, and back again if the new one cannot be renamed
     aside = folder.with_name(folder.name.removesuffix(UNFINISHED_SUFFIX) + ".old" + UNFINISHED_SUFFIX)
     target.rename(aside)
     try:
@@ -87,7 +87,7 @@ def put_in_place(folder: Path, target: Path, *, overwrite: Overwrite) -> None:
 
 
 def _exchange(a: Path, b: Path) -> bool:
-    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False if the system does not support it."""
+    """Exchange two folders atomically (Linux renameat2 with RENAME_EXCHANGE); False if the system does not support it."""
     try:
         rename = ctypes.CDLL(None, use_errno=True).renameat2
     except (AttributeError, OSError, TypeError):

@@ -1,7 +1,7 @@
-"""Reproduction of a kit: it is made again from its manifest in a scratch folder, and every byte is compared.
+"""Reproduction of a kit: it is made again from its manifest in a temporary folder, and every byte is compared.
 
-A manifest is untrusted. Its spec is read as one that a user typed, names no file, and must be that of the tape which the manifest
-describes, so that what is made again is about as large as what was made.
+A manifest is untrusted. Its spec is checked like one that a user typed, must not name files, and must match the tape that the
+manifest describes, so that the size of the new kit is bounded by that of the kit.
 """
 
 from __future__ import annotations
@@ -41,22 +41,23 @@ from tactape_fab.verify.verification import Verification
 NAME = "reproduced"
 _SPARE_POINTS = 10_000
 _MORE_POINTS = 4
-"""Grid points that a board of this size has room for may exceed those of the manifest so far: margins and a strip take some."""
+"""Tolerances of the check that a spec matches its tape: the grid points for which the board has room may exceed the manifest's by
+this factor and this number, as margins and a strip take some."""
 _LONGER_BYTES = 1 << 20
 _DATE = "%Y-%m-%dT%H:%M:%S+00:00"
 
 
 class NotReproducibleError(TactapeError):
-    """A kit that this version cannot make again, whether it is right or not; the message says why and what can."""
+    """A kit that this version cannot make again, which says nothing about the kit; the message says why, and what can."""
 
 
 def reproduce_kit(path: str | Path, *, required: bool = True) -> Verification:
     """Make a kit, or a panel with its kits, again from its manifest, and compare every byte.
 
     path: Folder of a kit or panel, or its manifest.json.
-    required: Whether the line of a kit that this version cannot make again is a failure; a warning otherwise. Such are kits of
-        other versions, of the user's own profiles, on the user's own part, and designs that avoid other tapes.
-    Returns: With one line.
+    required: Whether a kit that this version cannot make again is a failure, or else a warning: kits of other versions, with the
+        user's own profiles, on the user's own part, and designs that avoid other tapes.
+    Returns: A verification with one line.
     Raises SpecError when there is no kit at `path`.
     """
     file = find_manifest(path)
@@ -80,7 +81,7 @@ def _answer(file: Path, check: Check) -> Verification:
 
 
 def _reproduced(file: Path, content: Mapping[str, Any]) -> tuple[list[str], int]:
-    """Differences of a kit from the one that is made again, and the number of files that were compared."""
+    """Differences between a kit and its reproduction, and the number of files that were compared."""
     if "surface" in content:
         raise NotReproducibleError("it was made on the user's own part, which is not in it; run emboss with that part again")
     if problems := contradictions(content, Tape.from_mapping(content)):
@@ -123,7 +124,7 @@ def _read_made(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _examined(content: Mapping[str, Any], made: Mapping[str, Any]) -> Examined:
-    """The tape of a manifest's spec, examined."""
+    """The examined tape of a manifest's spec."""
     values = content.get("spec")
     if not isinstance(values, Mapping):
         raise SpecError("the manifest has no spec")
@@ -136,13 +137,13 @@ def _examined(content: Mapping[str, Any], made: Mapping[str, Any]) -> Examined:
     tape = Tape.from_mapping(content)
     search = content.get("search")
     avoided = _avoided(content if search is None else search)
-    # an origin can be recorded, a design needs the tapes themselves
+    # for a plane the manifest records the origin; a design would need the avoided tapes themselves
     if avoided and not has_plane(tape.code):
         raise NotReproducibleError(f"its design avoids other tapes, not in it: {shown(avoided)}; make it again beside them")
     if search is not None and not avoided:
         values["origin"] = "best"
     if not made["coverlay_asked"]:
-        # the manifest has the way that was taken; where it was not asked for, the same choice is made again
+        # the manifest has the mode that was used; if it was not requested, it is chosen again
         values.pop("coverlay", None)
     _refuse_other(values, tape)
     examined = examine(TapeSpec.from_mapping(values))
@@ -150,13 +151,13 @@ def _examined(content: Mapping[str, Any], made: Mapping[str, Any]) -> Examined:
 
 
 def _avoided(record: object) -> tuple[str, ...]:
-    """Names of the tapes that an origin or a design was chosen away from."""
+    """Names of the tapes that were avoided."""
     found = record.get("avoided") if isinstance(record, Mapping) else None
     return tuple(str(name)[:64] for name in found) if isinstance(found, list) else ()
 
 
 def _recorded_choice(search: object, tape: Tape) -> Choice:
-    """The result of a search among tapes that are not in the kit: its figures are taken from the manifest."""
+    """The recorded result of a search that avoided other tapes, which the kit does not contain."""
     table = Fields(search if isinstance(search, Mapping) else {}, "search.")
     choice = Choice(
         origin=tape.origin,
@@ -174,10 +175,10 @@ def _distance(table: Fields, key: str) -> int | None:
 
 
 def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
-    """Refuse a spec that is not of this tape, before anything is computed of it."""
+    """Refuse a spec that does not match the tape, before anything is computed from it."""
     board, problems = tape.board, other_values(values, of_tape(tape))
     problems += [Problem(str(key), f"spec.{shown(key)} is no option") for key in values if key not in KEYS]
-    # of a board with no margins: an upper bound of the grid, so that a small manifest cannot ask for a large tape
+    # the grid of a board without margins is an upper bound, so that a small manifest cannot demand a large tape
     points = (board.size_mm[0] / tape.pitch_mm + 1) * (board.size_mm[1] / tape.pitch_mm + 1)
     if points > _MORE_POINTS * tape.columns * tape.rows + _SPARE_POINTS:
         problems.append(Problem("size_mm", f"its {tape.columns} x {tape.rows} grid points are not those of a board of that size"))
@@ -190,7 +191,7 @@ def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
 
 
 def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str], int]:
-    """As `_reproduced`, of a panel with all its kits."""
+    """As `_reproduced`, for a panel with all its kits."""
     made = _read_made(content)
     placed = read_placed(table := Fields(content))
     refuse(table.problems)
@@ -204,7 +205,7 @@ def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str]
             raise SpecError(f"{place.manifest} {reason_of(error)}") from error
         own = read_any_manifest(kit)
         record = _read_made(own)
-        # panel and kits were made in one run; versions of libraries are compared file by file
+        # panel and kits were made in one run; versions of libraries are considered when files are compared
         if {**record, "libraries": None} != {**made, "libraries": None}:
             raise SpecError(f"{place.manifest} was not made with the panel")
         tapes.append(_examined(own, record))
@@ -236,7 +237,7 @@ def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> Ex
     if said.grid is None:
         panel = plan_packed(said.size_mm, boards, [(place.offset_mm, place.turned) for place in said.places], tapes[0].fab)
     else:
-        # which sides have tabs is recorded by their numbers
+        # the sides with tabs follow from the recorded numbers of tabs
         sides = "x" * (said.places[0].tabs_x > 0) + "y" * (said.places[0].tabs_y > 0)
         panel = plan_panel(*boards[0], said.grid, sides, tapes[0].fab)
     trials = read_trials(content)[1] if "coupon" in content else ()
@@ -247,7 +248,7 @@ def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> Ex
 
 
 def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tuple[list[str], int]:
-    """Files that differ from those made again, the manifest last with the first of its values; and their number."""
+    """Differing files, the manifest last with the first value that differs; and the number of compared files."""
     root, problems = folder.resolve(), []
     expected = _read_json(again)
     paths = [str(row["path"]) for row in expected["files"]]
@@ -262,7 +263,7 @@ def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tup
     if read_inside(root, folder / MANIFEST_NAME, MOST_MANIFEST_BYTES) != (again / MANIFEST_NAME).read_bytes():
         problems += _manifest_difference(_read_json(folder), expected, problems)
     others = {name: (libraries[name], own) for name, own in versions_in_kits().items() if libraries[name] != own}
-    # other versions of numpy or zlib may write other bytes of the same content: nothing is proved then
+    # other versions of numpy or zlib may write other bytes for the same content, so a difference proves nothing
     if problems and others:
         said = ", ".join(f"{name} {shown(theirs)}, here {own}" for name, (theirs, own) in others.items())
         raise NotReproducibleError(f"{named(problems)}; it was made with {said}: install these to tell whether that is why")
@@ -275,7 +276,7 @@ def _read_json(folder: Path) -> dict[str, Any]:
 
 
 def _manifest_difference(found: Mapping[str, Any], expected: Mapping[str, Any], problems: Sequence[str]) -> list[str]:
-    """Where a manifest differs; sizes and digests of files that differ themselves are said already."""
+    """Differences of a manifest, without sizes and digests of files that are reported themselves."""
     skipped = {"files"} if problems else set()
     said, right = ({key: value for key, value in side.items() if key not in skipped} for side in (found, expected))
     wrong = difference(said, right)
