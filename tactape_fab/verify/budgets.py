@@ -1,7 +1,7 @@
-"""Bytes that a file of a kit may have, by its role and the number of parts and holes: what is larger is not read.
+"""Largest size of each file of a kit, by its role and the number of parts and holes; larger files are not read.
 
-A kit is untrusted, and its manifest says how large its files are. The figures are three times or more those of the
-kits that this tool writes; `docs/make_limits.py` prints both.
+A kit is untrusted, and so are the sizes in its manifest. The limits are at least three times the sizes of files that
+this tool writes; `docs/make_limits.py` prints both.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from tactape_fab.texture.tape import Tape
 
 MIB = 1 << 20
 MOST_FILES = 1000
-"""Files that a manifest lists; a kit has some 25, a panel 20."""
+"""Most files that a manifest may list; a kit has some 25, a panel 20."""
 MOST_FILE_BYTES = 1024 * MIB
 WHOLE_KIT = "all files together"
 _SMALL = (MIB, 0)
@@ -32,21 +32,21 @@ BUDGETS = MappingProxyType(
         WHOLE_KIT: (128 * MIB, 100_000),
     }
 )
-"""Bytes of a file without parts, and for each part or hole."""
+"""Bytes by role: of a file without parts, and per part or hole."""
 OTHERS = (32 * MIB, 16_000)
-"""The same of every other role: pictures, report, drawings."""
+"""The same for every other role: pictures, report, drawings."""
 _OWN_PART = 512 * MIB
-"""Bytes that the user's own part takes in a model of it."""
+"""Bytes of the user's own part in a model of an embossed kit."""
 
 
 def most_bytes(role: str, count: int, *, embossed: bool = False) -> int:
-    """Most bytes of a file of a role in a kit with `count` parts and holes, on the user's own part or not."""
+    """Most bytes of a file of a role, in a kit with `count` parts and holes; `embossed` for one on the user's own part."""
     base, each = BUDGETS.get(role, OTHERS)
-    # what the user's own part takes follows from nothing in the kit
+    # the size of the user's own part does not follow from anything in the kit
     own = _OWN_PART if embossed and role in ("stl", "3mf", "step-solid", WHOLE_KIT) else 0
     return min(base + each * count + own, MOST_FILE_BYTES)
 
 
 def count_of(*tapes: Tape) -> int:
-    """Parts and holes of tapes, together."""
+    """Total number of parts and holes of tapes."""
     return sum(tape.part_count + len(tape.board.holes) for tape in tapes)

@@ -1,4 +1,4 @@
-"""Check of a kit's certificate: it is computed again and compared."""
+"""Check of a kit's certificate, which is computed again and compared."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactape_fab.verify.files import CERTIFICATE, WrittenFile
 
 
 def check_certificate(file: WrittenFile, tape: Tape) -> Check:
-    """Check that every number of the certificate file is the one computed from the tape."""
+    """Check that every number of the certificate file equals the one computed from the tape."""
     certificate = certify(tape)
     try:
         content = parse_json(file.data)
@@ -24,7 +24,7 @@ def check_certificate(file: WrittenFile, tape: Tape) -> Check:
     if wrong is not None:
         return Check(name=CERTIFICATE, passed=False, message=f"{file.path} is not this tape's: {wrong}")
     windows = f"{size.windows} windows of {size.side}x{size.side} differ"
-    if size.windows == 1:  # from itself, turned
+    if size.windows == 1:  # the distance is that from itself, turned
         windows = f"1 window of {size.side}x{size.side} differs"
     message = f"as computed again: {windows} by {size.distance} symbols or more"
     if size.distance is None:
@@ -45,6 +45,6 @@ def difference(found: Any, expected: Any, where: str = "") -> str | None:
     if isinstance(expected, list) and isinstance(found, list) and len(found) == len(expected):
         wrongs = (difference(f, e, f"{where}[{i}]") for i, (f, e) in enumerate(zip(found, expected, strict=True)))
         return next((wrong for wrong in wrongs if wrong is not None), None)
-    # True == 1 and 1.0 == 1 in Python, but not in a certificate
+    # in Python True == 1 and 1.0 == 1, in a certificate not
     same = type(found) is type(expected) and found == expected
     return None if same else f"{where or 'the content'} = {shown(found)}, computed {shown(expected)}"

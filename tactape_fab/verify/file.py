@@ -1,4 +1,4 @@
-"""verify_kit: a kit or a panel by its path."""
+"""verify_kit: verification of a kit or a panel by its path."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def verify_kit(
     ----------
     path : str or Path
     quick : bool
-        Leave out what needs a CAD kernel, another program or an extra: OCCT, FreeCAD, PrusaSlicer, the second tag detector.
-        The round trip is a few contacts then.
+        Leave out the checks that need a CAD kernel, another program or an extra: OCCT, FreeCAD, PrusaSlicer, the second tag
+        detector; and decode a few contacts only.
     contact : Contact, optional
-        Sensor and size of the contacts of the round trip that is not quick.
+        Sensor and size of the contacts of the full round trip.
     progress : callable
         Called with the name of the step, the amount done and the total.
     said : callable
         Called with every line as soon as it is known.
     beside : callable
-        Further checks of the same files, made while other programs read the models. Not called if the manifest is unreadable.
+        Further checks of the same files, run while other programs read the models. Not called if the manifest is unreadable.
     workers : int or str
         Number of processes for the kits of a panel, or the address of a Dask scheduler.
 
@@ -68,7 +68,7 @@ def verify_kit(
 
 
 def _format_of(file: Path) -> dict[str, Any]:
-    """Content of a manifest; empty if it cannot be read, which is reported later, when it is read as a kit's."""
+    """Content of a manifest; empty if it cannot be read, which is reported when it is read as a kit's."""
     try:
         return read_any_manifest(file)
     except SpecError:

@@ -1,4 +1,4 @@
-"""Checks of a kit's files: listed, complete, unchanged. No file outside the kit's folder is ever opened."""
+"""Checks that a kit's files are listed, complete and unchanged. No file outside the kit's folder is opened."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ CERTIFICATE = "certificate"
 EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
 LATER = ("fab-drawing", "fab-dxf", "placement-preview")
-"""Roles that older kits do not have: drawings for the fab, and picture of the first placements."""
+"""Roles that older kits do not have: drawings for the fab, and the placement preview."""
 SIM = "sim"
-"""Role of every asset for simulators: those that were asked for, checked by their hashes and by making them again."""
+"""Role of all assets for simulators, which are checked by their hashes and by reproduction."""
 REPORT = "report"
-"""Role of the report. It is the one file that may be missing, because it is made after the others are verified."""
+"""Role of the report, the only file that may be missing, as it is made after the others are verified."""
 _DATA, _DATA_END = b'<script type="application/json" id="data">', b"</script>"
 _POLICY = re.compile(
     rb'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<meta http-equiv="Content-Security-Policy" content="'
@@ -53,7 +53,7 @@ _POLICY = re.compile(
 )
 _FRAME = (b"(() => {", b'"use strict";', b"})();")
 
-# a name is looked for at its beginning alone: from each of its letters, a name of 100,000 takes half a minute
+# a match may start only at the beginning of a name: starting at each of its letters takes half a minute for 100,000
 _TAG, _ATTRIBUTE = re.compile(rb"</?([^\s/>]*)"), re.compile(rb"(?<![^\s\"'<>/])([^\s\"'<>/]+)\s*=")
 _TAGS = {b"svg", b"title", b"defs", b"g", b"path", b"use", b"polygon", b"polyline", b"circle", b"text"}
 _ATTRIBUTES = {
@@ -66,7 +66,7 @@ _TITLE = re.compile(rb"<title>([^<]{0,1000})</title>")
 _BODY = re.compile(rb'<use href="#bodies-\d{1,9}" x="(-?\d{1,9}\.\d{1,9})" y="(-?\d{1,9}\.\d{1,9})"')
 _SVG_ERROR_MM = 1e-3
 _NAMED_AS_CPL = tuple({house.ending for house in PLACEMENTS.values()})
-"""Endings that a preview's title may have: it is the placement list's, whose usual ending alone is taken off."""
+"""Suffixes that a preview's title may have: it is the placement list's file name, from which only the default one is removed."""
 
 _NO_DIGITS = bytes.maketrans(b"123456789", b"0" * 9)
 
@@ -80,7 +80,7 @@ class WrittenFile:
 
 
 def kind_of(manifest: Mapping[str, Any]) -> Kind:
-    """Kind of kit that a manifest describes: a film with parts, a texture of solid elements, a texture on the user's own part."""
+    """Kind of kit: a film with parts, a texture of solid elements, or a texture on the user's own part."""
     if "surface" in manifest:
         return "embossed"
     spec = manifest.get("spec")
@@ -89,7 +89,7 @@ def kind_of(manifest: Mapping[str, Any]) -> Kind:
 
 
 def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True, backings: Sequence[str] = ()) -> tuple[str, ...]:
-    """Roles that a kit must have, each once; for an embossed kit those that are always there."""
+    """Roles that a kit must have, each once; for an embossed kit only those that do not depend on its source."""
     if kind == "embossed":
         return EMBOSSED
     if kind == "texture":
@@ -103,9 +103,10 @@ def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True, backings: 
 def read_files(
     folder: Path, manifest: Mapping[str, Any], count: int, kits: Collection[str] = ()
 ) -> tuple[dict[str, list[WrittenFile]], list[Check]]:
-    """Read every listed file, by role, and compare sizes and SHA-256; each path is read once, within its role's budget.
+    """Read every listed file, and compare size and SHA-256; each path is read once, within its role's size limit.
 
-    ``count`` are the parts and holes, ``kits`` subfolders, each ending in '/', whose files are listed by their own manifests.
+    ``count`` is the number of parts and holes; ``kits`` are subfolders, ending in '/', with manifests of their own. Returns
+    files by role, and checks.
     """
     rows = manifest.get("files")
     files: dict[str, list[WrittenFile]] = {}
@@ -128,13 +129,13 @@ def read_files(
         if path not in known:
             known[path] = None
             try:
-                # of all files together too: a thousand within their own budgets would still fill the memory
+                # the total is limited as well, as a thousand files within their own limits would fill the memory
                 data = read_inside(root, folder / path, min(left, most_bytes(role, count, embossed=embossed)))
                 known[path] = data, hashlib.sha256(data).hexdigest()
                 left -= len(data)
-            except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
+            except (OSError, RuntimeError) as error:  # RuntimeError: a link loop
                 problems.append(f"{path} {reason_of(error)}")
-        # a path that is listed twice is one file of two roles, read once
+        # a path that is listed twice is one file with two roles, read once
         if (found := known[path]) is not None:
             files.setdefault(role, []).append(WrittenFile(path=str(path), data=found[0]))
             if row.get("sha256") != found[1]:
@@ -144,7 +145,7 @@ def read_files(
                 problems.append(f"{said}, but the manifest lists {shown(row.get('bytes'))} bytes")
     message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
     checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
-    listed.add(AS_BUILT_NAME)  # the user's own; `check_as_built` reports it
+    listed.add(AS_BUILT_NAME)  # added by the user; `check_as_built` checks it
     places, own = (p.relative_to(folder) for p in folder.rglob("*") if not p.is_dir()), set(kits)
     unlisted = sorted(
         path.as_posix() for path in places if path.as_posix() not in listed and "/".join(path.parts[:2]) + "/" not in own
@@ -159,14 +160,14 @@ def read_files(
 
 
 def read_inside(root: Path, place: Path, most_bytes: int) -> bytes:
-    """The bytes of a regular file below `root` of bounded size; OSError with the reason otherwise."""
-    # links are followed before the comparison, so that none leads out of the folder
+    """The bytes of a regular file of bounded size below `root`. Raises OSError with the reason otherwise."""
+    # links are resolved before the comparison, so that none leads out of the folder
     if not place.resolve().is_relative_to(root):
         raise OSError(0, "leads out of the kit's folder")
     if not place.is_file():
         raise OSError(0, "is missing")
     with open_regular(place) as stream:
-        # of the open file, as its path may name another one by then; one byte more is asked for, as a file may grow
+        # the size is that of the open file, as the path may be replaced; one byte more is read, as the file may grow
         if os.fstat(stream.fileno()).st_size <= most_bytes and len(data := stream.read(most_bytes + 1)) <= most_bytes:
             return data
     raise OSError(0, f"has more than {most_bytes} bytes, which this tool does not write for so few parts")
@@ -180,7 +181,7 @@ def check_listed(
     allowed: Sequence[str] = (),
     what: str = "tape",
 ) -> tuple[dict[str, WrittenFile], list[str], list[Check]]:
-    """The first file of each role, the expected roles without a file, and one check each of the roles and the report."""
+    """The first file of each role, the expected roles without a file, and a check each of the roles and of the report."""
     single = {role: rows[0] for role, rows in files.items() if rows}
     checks = [_check_roles(expected, files, (REPORT, *LATER, *allowed))]
     if REPORT in single:
@@ -189,7 +190,7 @@ def check_listed(
 
 
 def _check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]], allowed: Sequence[str]) -> Check:
-    """Check that every expected role is there once, and no other role except the allowed ones, each at most once."""
+    """Check that every expected role occurs once, allowed ones at most once, and no others."""
     wrong = [f"{role} {len(files.get(role, []))} times" for role in expected if len(files.get(role, [])) != 1]
     wrong += [f"{role} {len(files[role])} times" for role in allowed if len(files.get(role, [])) > 1]
     wrong += [f"{role}, which this tape has no use for" for role in files if role not in (*expected, *allowed, SIM)]
@@ -198,14 +199,14 @@ def _check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]]
 
 
 def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str, notes: WrittenFile | None) -> Check:
-    """Check that the report shows this tape or panel with its notes, lists every other file of the kit as the manifest does,
-    and that its policy lets a browser run its own script alone.
+    """Check that the report shows this tape or panel with its notes, lists every other file of the kit as in the manifest, and
+    has a content security policy that allows its own script only.
     """
     problem, count = None, 0
     tool = manifest.get("tool")
     own = isinstance(tool, Mapping) and tool.get("version") == __version__
     try:
-        # a second block of data makes this fail: the page's script would take one, this check the other
+        # fails with a second data block, of which the page's script might use another one than this check
         _, text = file.data.split(_DATA)
         content = parse_json(text[: text.index(_DATA_END)])
         told = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
@@ -231,24 +232,24 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str, not
 
 
 def _escaped(data: bytes) -> str:
-    """Text as the page's template writes it."""
+    """Text as escaped by the page's template."""
     return html.escape(data.decode("utf-8")).replace("&#x27;", "&#39;").replace("&quot;", "&#34;")
 
 
 def _page_problem(data: bytes, *, own_version: bool) -> str | None:
-    """A script or address that a browser would run or fetch against the page's policy; None if there is none."""
+    """Description of a script or address in the page that is not this tool's; None if there is none."""
     policy, lower = _POLICY.match(data), data.lower()
     if policy is None:
         return "it does not begin with the policy that keeps a browser from running and fetching"
-    # tags of HTML may be in capitals; the two scripts are the data and the page's own
+    # HTML tags are case-insensitive; the two scripts are the data and the page's own
     if [lower.count(word) for word in (b"<script", b"http-equiv", b"<style")] != [2, 1, 1]:
         return "it has another script, style or directive than its own"
     for allowed, tag in zip(policy.groups(), (b"script", b"style"), strict=True):
         text = data.rpartition(b"<%b>" % tag)[2].partition(b"</%b>" % tag)[0]
-        # Content-Security-Policy: 'sha256-...' is the digest of exactly what stands between the tags
+        # Content-Security-Policy: 'sha256-...' is the digest of exactly the text between the tags
         if base64.b64encode(hashlib.sha256(text).digest()) != allowed:
             return f"its {tag.decode()} is not the one that its policy names"
-        # line by line, as the page is put together of several files and a frame
+        # line by line, as the page is assembled from several files and a frame
         known = {line for file in (templates_folder() / "report").iterdir() for line in file.read_bytes().splitlines()}
         if own_version and (strange := [line for line in text.splitlines() if line not in known and line not in _FRAME]):
             return f"its {tag.decode()} is not this version's: {shown(strange[0].decode('latin-1'))}"
@@ -256,7 +257,7 @@ def _page_problem(data: bytes, *, own_version: bool) -> str | None:
 
 
 def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
-    """The tape with the measured places beside its manifest, and a line on them; itself and no line where there are none."""
+    """The tape with the measured places beside its manifest, and a check of them; the tape itself and no check without any."""
     try:
         measured = tape.with_as_built(manifest)
     except SpecError as error:
@@ -264,7 +265,7 @@ def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
     if (built := measured.as_built) is None:
         return tape, []
     sources = ", ".join(dict.fromkeys(str(entry["kind"]) for entry in built.source)) or "a source that it does not name"
-    # the film's part of a shift is (F - 1) p: none in `mean_mm`, and most at the far end of the tape
+    # the film's stretch shifts a part by (F - 1) p: not included in `mean_mm`, and largest at the far end of the tape
     stretch_mm = np.hypot(*(tape.part_xy_mm() @ (built.film.matrix - np.eye(2)).T).T).max(initial=0.0)
     stretched = f", and a stretch of the film that moves them by up to {stretch_mm * 1000:.1f} um more" if stretch_mm else ""
     message = (
@@ -276,9 +277,9 @@ def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
 
 
 def check_signature(role: str, data: bytes) -> str | None:
-    """Fault of a Gerber file's .MD5 attribute (Gerber 2024.05 section 5.6.9); None if it is correct or absent."""
+    """Problem of a Gerber file's .MD5 attribute (Gerber 2024.05 section 5.6.9); None if it is correct or absent."""
     for found in re.finditer(rb"TF\.MD5,([0-9a-f]{32})\*", data):
-        # as a command or as a standardised comment (Gerber 2024.05 section 5.1.1); a name of a part may hold the same text
+        # as a command or a standardised comment (Gerber 2024.05 section 5.1.1); a part's name may contain the same text
         before = next((mark for mark in (b"%", b"G04 #@! ") if data.endswith(mark, 0, found.start())), None)
         if before is not None:
             signed = data[: found.start() - len(before)].replace(b"\n", b"").replace(b"\r", b"")
@@ -288,22 +289,22 @@ def check_signature(role: str, data: bytes) -> str | None:
 
 
 def _is_drawing(data: bytes) -> bool:
-    """Whether an SVG is whole, and holds shapes and text alone: a browser runs scripts and fetches what it refers to."""
+    """Whether an SVG is complete, and has only shapes and text: a browser would run scripts and fetch references."""
     whole = data.startswith(b"<svg") and data.rstrip().endswith(b"</svg>")
-    # references within the drawing alone, as <use> has them
+    # only references within the drawing, for <use>
     inside = not re.search(rb"href=(?!\"#)|url\(", data)
-    different = b">".join(dict.fromkeys(data.translate(_NO_DIGITS).split(b">")))  # no name that is allowed has digits
+    different = b">".join(dict.fromkeys(data.translate(_NO_DIGITS).split(b">")))  # allowed names have no digits
     return whole and inside and {*_TAG.findall(different)} <= _TAGS and {*_ATTRIBUTE.findall(different)} <= _ATTRIBUTES
 
 
 def check_picture(files: Mapping[str, WrittenFile], name: str | None = None, film: Pictured | None = None) -> Check:
-    """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2).
+    """Check that the previews can be opened; the size in a PNG's header is checked first, to bound the memory (PNG, 11.2.2).
 
-    name: The SVG's title. film: A film's parts, which all pictures must have, and the SVG no others.
+    name: The SVG's title. film: The parts of a film, which all pictures must show; the SVG must not have others.
     """
     data = files["preview-png"].data
     height, width = png_size(data)
-    # a few kilobytes of PNG can unpack to gigabytes
+    # a PNG of a few kilobytes can decompress to gigabytes
     small = data.startswith(PNG_SIGNATURE) and max(width, height) <= MOST_PX
     image = unpacked(data, "IMREAD_COLOR", "opening a preview") if small else None
     drawn = [files[role].data for role in ("preview-svg", "placement-preview") if role in files]
@@ -323,7 +324,7 @@ def check_picture(files: Mapping[str, WrittenFile], name: str | None = None, fil
 
 
 def _other_tape(svg: bytes, names: Collection[str], parts_xy_mm: FloatArray | None) -> str | None:
-    """Why an SVG is of another tape or panel; None where nothing says so."""
+    """Reason why an SVG shows another tape or panel; None if there is none."""
     title = _TITLE.search(svg)
     if names and title is not None and html.unescape(title[1].decode("utf-8", "replace")) not in names:
         return f"the SVG is of {shown(title[1].decode('utf-8', 'replace'))}"
@@ -334,7 +335,7 @@ def _other_tape(svg: bytes, names: Collection[str], parts_xy_mm: FloatArray | No
         return f"the SVG shows {len(places)} parts, not {len(parts_xy_mm)}"
     if np.abs(places - parts_xy_mm).max(initial=0.0) <= _SVG_ERROR_MM:
         return None
-    # of several kinds of bodies each has its own part of the drawing: then not in the order of designators
+    # bodies are grouped by kind, so they may not be in the order of designators
     near, _ = shapely.STRtree(shapely.points(places)).query(shapely.points(parts_xy_mm), "dwithin", _SVG_ERROR_MM)
     off = len(parts_xy_mm) - len(np.unique(near))
     return f"the SVG shows {off} parts in other places" if off else None

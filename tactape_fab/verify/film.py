@@ -1,4 +1,4 @@
-"""Fabrication files of a film, of a kit or a panel: read into arrays, and checked tape by tape."""
+"""Fabrication files of a film, in a kit or a panel: reading into arrays, and checks tape by tape."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ FILE_FUNCTIONS = {
     "profile": ("Profile,NP", "Positive"),
     "components-top": ("Component,L1,Top", "Positive"),
 }
-"""File function and polarity, from its attributes, that a Gerber file of each role must have."""
+"""File function and polarity that the attributes of a Gerber file must state, by role."""
 
 REQUIRED_ATTRIBUTES = ("FileFunction", "FilePolarity", "SameCoordinates", "MD5")
 
@@ -61,7 +61,7 @@ T = TypeVar("T")
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:
-    """Read them from a manifest; problems are collected in `table`."""
+    """Read film and assembly from a manifest; problems are collected in `table`."""
     fab, film = table.table("fab"), read_film_record(table)
     known = known_fab(fab) if table.table("spec").values.get("fab") == fab.values.get("name") else None
     profile = known or load_fab("generic-fpc")
@@ -83,7 +83,7 @@ def read_film_manifest(table: Fields) -> FilmManifest:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmLayers:
-    """Contents of a film's files: Gerber layers by role, holes (x, y, diameter) mm, and the rows of the CPL.
+    """Contents of a film's files: Gerber layers by role, holes (x, y, diameter) in mm, and rows of the CPL.
 
     ``holes`` and ``cpl`` are None if the file is missing or cannot be read.
     """
@@ -94,7 +94,7 @@ class FilmLayers:
 
 
 def read_role(role: str, read: Callable[[bytes], T], files: Mapping[str, WrittenFile], checks: list[Check]) -> T | None:
-    """A file's content, or None and a failed line in `checks`."""
+    """The content of a role's file; None if it is missing, or cannot be read, which is added to `checks`."""
     try:
         return read(files[role].data)
     except ReadbackError as error:
@@ -103,12 +103,12 @@ def read_role(role: str, read: Callable[[bytes], T], files: Mapping[str, Written
 
 
 def _read_attributed(data: bytes) -> GerberContent:
-    """A Gerber file with its attributes in comments (Gerber 2024.05, 5.1.1) as statements: gerbonara passes over the former."""
+    """Read a Gerber file whose attributes may be in comments (Gerber 2024.05, 5.1.1), which gerbonara ignores."""
     return read_gerber(re.sub(rb"^G04 #@! (T[AFOD][^*%\n]*)\*$", rb"%\1*%", data, flags=re.MULTILINE))
 
 
 def read_layers(files: Mapping[str, WrittenFile], cpl: CplContent | None, film: FilmRecord, checks: list[Check]) -> FilmLayers:
-    """Read every Gerber and drill file in the kit; each unreadable one adds a failed line to `checks`."""
+    """Read every Gerber and drill file of the kit; each unreadable one adds a failed line to `checks`."""
     gerbers = {
         role: content
         for role in (*FILE_FUNCTIONS, *film.backings)
@@ -119,7 +119,7 @@ def read_layers(files: Mapping[str, WrittenFile], cpl: CplContent | None, film: 
 
 
 def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str, LandPairs]:
-    """Pairs of pads and of stencil apertures, by role."""
+    """Pairs of lands in the copper and paste layers, by role."""
     return {
         role: pair_lands(layers.gerbers[role].flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
         for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste))
@@ -128,7 +128,7 @@ def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str,
 
 
 def anchor_lines(record: FilmManifest, tape: Tape) -> tuple[FloatArray, float]:
-    """Ends of the anchor lines that hold the pads, shape (k, 2, 2), and their width, mm; empty without anchors."""
+    """End points of the anchor lines, shape (k, 2, 2), and their width, mm; empty without anchors."""
     plan = record.film.anchor
     return (np.empty((0, 2, 2)), 0.0) if plan is None else (build_anchors(plan, tape, record.lands.pads).lines_mm, plan.web_mm)
 
@@ -142,7 +142,7 @@ def check_tape(
     *,
     with_pupil: bool,
 ) -> list[Check]:
-    """Check holes, backings, lands, anchors, symbols and tag of one tape, all in its board frame.
+    """Check holes, backings, lands, anchors, symbols and tag of one tape, in its board frame.
 
     ``pairs`` are `pair_all_lands` of these layers.
     """
@@ -176,7 +176,7 @@ def _check_with_cpl(
     cpl: CplContent,
     files: Mapping[str, WrittenFile],
 ) -> list[Check]:
-    """Check that every layer has each part's lands where the CPL places the part, and keeps its clearances."""
+    """Check that every layer has each part's lands at its CPL place, and keeps the clearances."""
     checks: list[Check] = []
     lands, rows = record.lands, point_tree(cpl.xy_mm)
     for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste)):
@@ -200,22 +200,22 @@ def _check_with_cpl(
 def check_attributes(
     gerbers: Mapping[str, GerberContent], files: Mapping[str, WrittenFile], record: FilmManifest, part: str = "Single"
 ) -> Check:
-    """Check the attributes: present as ``spec.x2`` says, file function of the role, `part` and origin of all, correct .MD5.
+    """Check the attributes: present according to ``spec.x2``, file function by role, `part`, common origin, and .MD5.
 
-    And the files' names, by which many fabs tell the layers.
+    Also checks the file names, by which many fabs identify the layers.
     """
     problems = list(_name_problems(files, record))
     problems += [problem for role in gerbers if (problem := check_signature(role, files[role].data)) is not None]
     for role in (*gerbers, *(role for role in ("drill-npth",) if role in files)):
         parts = {found.decode("ascii", "replace") for found in re.findall(rb"TF\.Part,([^*\n]*)", files[role].data)}
         problems += [f"{role} has .Part {shown(other)}, not {part}" for other in parts - {part}]
-        # pads are connected with nothing, and say so: N/C
+        # pads are not connected, which is the net name N/C
         nets = set(re.findall(rb"TO\.N,([^*\n]*)", files[role].data)) - {b"N/C"}
         problems += [f"{role} has a net {shown(net.decode('ascii', 'replace'))}" for net in nets]
     backings = {role: (file_function(role, backing), "Positive") for role, backing in record.film.backings.items()}
     functions = {**FILE_FUNCTIONS, **backings}
     for role, content in gerbers.items():
-        # the component layer is its attributes, so that they are never off
+        # the component layer consists of attributes, so that they are never off
         mode = "full" if role == "components-top" else record.x2
         start = {"full": b"%TF.", "comments": b"G04 #@! TF."}.get(str(mode))
         if start is not None:
@@ -227,8 +227,8 @@ def check_attributes(
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
                 problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
-    # equal values of .SameCoordinates say that layers fit on each other as they are; a drill file has it in a comment,
-    # and a value without its end belongs to a file that was cut, which its own line says
+    # equal values of .SameCoordinates state that layers are aligned; a drill file has it in a comment. A value without
+    # its end is in a truncated file, which is reported elsewhere
     drawn = [files[role].data for role in (*gerbers, "drill-npth") if role in files]
     if len({origin for data in drawn for origin in re.findall(rb"TF\.SameCoordinates,([^*\r\n]*)[*\r\n]", data)}) > 1:
         problems.append("the layers have different .SameCoordinates")
@@ -247,7 +247,7 @@ def _name_problems(files: Mapping[str, WrittenFile], record: FilmManifest) -> It
 
 
 def _pad_problems(content: GerberContent, part: str) -> Iterator[str]:
-    """Pads that do not say which part's they are, or call themselves something else; only a panel has fiducials."""
+    """Problems of pads without a component, or with another function; only a panel has fiducials."""
     functions = [content.aperture_functions[i] for i in content.flash_aperture]
     said = {(function, name != "") for function, name in zip(functions, content.flash_component, strict=True)}
     said -= {("SMDPad,CuDef", True)} | ({("FiducialPad,Global", False)} if part == "Array" else set())

@@ -1,4 +1,4 @@
-"""verify of a kit: reads its written files; each check is a line with its figure."""
+"""Verification of a kit's written files; each check is a line with its figure."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class _Record:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Asked:
-    """How a kit is verified."""
+    """Arguments of a kit's verification."""
 
     quick: bool
     contact: Contact | None
@@ -94,7 +94,7 @@ def verify_folder(
     said: Said = lambda _: None,
     beside: Beside = tuple,
 ) -> Verification:
-    """Verify the kit of `manifest_file`; the name of its folder plays no part."""
+    """Verify the kit of `manifest_file`; the name of its folder does not matter."""
     try:
         record = _read_record(manifest_file)
     except SpecError as error:
@@ -117,7 +117,7 @@ def _read_record(manifest_file: Path) -> _Record:
 
 
 def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Trip]) -> Iterator[Check]:
-    """Every line as soon as it is known, those of other programs last; contacts that are not quick are added to `trips`."""
+    """Every line as soon as it is known, those of other programs last; full round trips are appended to `trips`."""
     tape, kind, film = record.tape, record.kind, record.film
     problems = contradictions(record.manifest, tape)
     said = named([p.message for p in problems]) if problems else f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}"
@@ -136,7 +136,7 @@ def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Tri
     checks: list[Check] = []
     cpl = None if film is None else read_role("cpl", read_cpl, files, checks)
     yield from checks
-    with ExitStack() as stack:  # other programs read the models from here on, while this process does the rest
+    with ExitStack() as stack:  # other programs read the models in the background, while this process does the rest
         others = None if asked.quick else _expected(record, files)
         lines = None if others is None else stack.enter_context(read_by_others(tape, others, files, cpl, asked.progress))
         if kind == "embossed":
@@ -152,7 +152,7 @@ def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Tri
 def _check_kit(
     record: _Record, files: dict[str, WrittenFile], cpl: CplContent | None, asked: _Asked, trips: list[Trip]
 ) -> Iterator[Check]:
-    """Check a film or a texture by its files, and by contacts of the parts that they place."""
+    """Check the files of a film or texture, and decode contacts with the parts at the places in these files."""
     tape, film, form = record.tape, record.film, record.form
     sources: list[Source] = []
     if film is not None:
@@ -173,7 +173,7 @@ def _check_kit(
             yield Check(name="stl", passed=False, message=mesh)
         else:
             yield from check_models(tape, form, files, mesh, cpl)
-        # a film has CPL and copper: six contacts of each are enough where it has to be quick
+        # in a quick verification the contacts by CPL and copper are enough for a film
         if isinstance(mesh, Mesh) and not (asked.quick and sources):
             sources.append(stl_source(tape, form, mesh))
     if sources:
@@ -183,7 +183,7 @@ def _check_kit(
 
 
 def _read_mesh(files: Mapping[str, WrittenFile]) -> Mesh | str:
-    """The mesh of the STL, or why it cannot be read."""
+    """The mesh of the STL, or the reason why it cannot be read."""
     try:
         return read_stl(files["stl"].data)
     except MeshError as error:
@@ -193,13 +193,13 @@ def _read_mesh(files: Mapping[str, WrittenFile]) -> Mesh | str:
 def _check_part(manifest: Mapping[str, Any], tape: Tape, files: dict[str, WrittenFile]) -> Iterator[Check]:
     """Check the models of a texture on the user's own part, and its certificate."""
     from tactape_fab.verify.models.embossed import (
-        check_embossed,  # imported here: verifying a film does not need it and is faster without
+        check_embossed,  # imported here: verifying a film does not need it
     )
 
     yield check_certificate(files[CERTIFICATE], tape)
     yield from check_embossed(manifest, files["stl"].data, files["placements"].data)
     mesh = _read_mesh(files)
-    if isinstance(mesh, Mesh):  # said already otherwise
+    if isinstance(mesh, Mesh):  # otherwise reported already
         yield check_threemf(files["3mf"].data, mesh)
     if "step-solid" in files:
         problems = step_problems(files["step-solid"].data, MOST_OF_PART_MM)
@@ -207,7 +207,7 @@ def _check_part(manifest: Mapping[str, Any], tape: Tape, files: dict[str, Writte
 
 
 def _expected(record: _Record, files: dict[str, WrittenFile]) -> Expected | None:
-    """Values that other programs must find in the models; None without models, or if the manifest has no valid ones."""
+    """Values that other programs must find in the models; None without models, or if the manifest's record is invalid."""
     if record.kind != "embossed":
         valid = record.form is not None and not form_problems(record.tape, record.form)
         return expected_of_kit(record.tape, record.form, files) if valid and record.form is not None else None
@@ -226,7 +226,7 @@ def _check_film(
     *,
     quick: bool,
 ) -> list[Check]:
-    """Check all files that a fab gets, the CPL among them; the part positions of each file are added to `sources`."""
+    """Check all files for the fab, including the CPL; the part positions of each file are appended to `sources`."""
     checks: list[Check] = []
     layers = read_layers(files, cpl, film.film, checks)
     checks += [check_attributes(layers.gerbers, files, film), check_form(files, layers.gerbers)]

@@ -1,4 +1,4 @@
-"""verify of a panel: its own files, read tape by tape like those of a kit; the rest of the panel; and every kit on it."""
+"""Verification of a panel: its own files, tape by tape like those of a kit; the rest of the panel; and every kit on it."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class _PanelRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _OnPanel(OnPanel):
-    """A kit's tape and its place, with its film as its own manifest records it: the tapes of a packed panel differ."""
+    """A kit's tape and its place, with the film of its own manifest, as tapes of a packed panel may differ."""
 
     film: FilmManifest
 
@@ -89,7 +89,7 @@ def verify_panel_folder(
     beside: Beside = tuple,
     workers: Workers = 1,
 ) -> Verification:
-    """Verify the panel of `manifest_file`; with `kits` also every kit on it, one line each, by so many workers.
+    """Verify the panel of `manifest_file`; with `kits` also every kit on it, by `workers`, with one line each.
 
     Returns: One line for each tape of the panel if all its checks hold, else every line that failed.
     """
@@ -160,7 +160,7 @@ def _on_panel(folder: Path, place: PlacedTape) -> _OnPanel:
 
 
 def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check:
-    """Check number, size and places of the kits against the panel's, and that designators are consecutive."""
+    """Check number, size and places of the kits against those of the panel, and that designators are consecutive."""
     panel, problems = record.panel, []
     if len(tapes) != panel.count:
         problems.append(f"{len(tapes)} tapes where the panel has {panel.words}")
@@ -183,25 +183,25 @@ def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check
 
 
 def _overlaps(panel: Panel) -> list[str]:
-    """Tapes of a packed panel that leave the rails, or are nearer to each other than a slot each."""
+    """Problems of tapes of a packed panel that overlap the rails or each other, slots included."""
     if panel.grid is not None:
         return []
     low = np.array([place.low_mm for place in panel.places])
     high = low + np.array([place.extent_mm for place in panel.places])
-    # round every tape there is a slot, on its outer side between tape and rail
+    # every tape is surrounded by a slot, also towards the rail
     border_mm = panel.rail_mm + panel.gap_mm - PLACE_TOLERANCE_MM
     off = (low < border_mm).any() or (high > np.array(panel.size_mm) - border_mm).any()
-    # gap of two boxes along each axis, negative where they overlap: the larger one says how far apart they are
+    # gap of two boxes along each axis, negative if they overlap; the larger one is their distance
     apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=-1)
     np.fill_diagonal(apart, np.inf)
     said = ["a tape lies on the rails"] if off else []
-    # packed tapes share no slot: each has a frame of its own
+    # packed tapes do not share slots
     near = apart.min(initial=np.inf) < 2 * panel.gap_mm - PLACE_TOLERANCE_MM
     return [*said, "two tapes lie nearer than two slots"] if near else said
 
 
 def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
-    """Check that every kit's manifest is the one that the panel was made with."""
+    """Check that every kit's manifest is the one with which the panel was made."""
     problems = []
     for place in placed:
         try:
@@ -268,8 +268,8 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
 
 
 def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:
-    """One line for all checks that hold, and every other line."""
-    # warnings stay lines of their own; one failure, and all that is wrong is shown
+    """One line in place of all checks that hold, and every line that does not."""
+    # warnings are separate lines; after a failure every line that does not hold is listed
     wrong = [replace(line, name=f"{name}: {line.name}") for line in lines if not line.passed]
     if any(not line.warning for line in wrong):
         return wrong
@@ -277,13 +277,13 @@ def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:
 
 
 def _check_kit(folder: Path, *, quick: bool, contact: Contact | None, progress: Progress | None) -> list[Check]:
-    told = progress or (lambda *_: None)  # a process of its own cannot tell
+    told = progress or (lambda *_: None)  # a worker process has no progress function
     verification = verify_folder(folder / "manifest.json", quick=quick, contact=contact, progress=told)
     return _folded(f"kit {verification.name}", verification.checks, "of its own files")
 
 
 def _check_rows(cpl: CplContent, names: Sequence[str]) -> Check:
-    """Check that the CPL has the rows of all tapes, one after the other."""
+    """Check that the CPL has the rows of all tapes in order."""
     wrong = [f"{found} instead of {name}" for found, name in zip(cpl.designators, names, strict=False) if found != name]
     if len(cpl.designators) != len(names):
         wrong.insert(0, f"{len(cpl.designators)} rows for {len(names)} parts")
@@ -313,7 +313,7 @@ def _shown(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Shown:
 
 
 def _check_tape(on: _OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFile], *, quick: bool) -> list[Check]:
-    """Check that everything in the panel's files within this tape's outline belongs to the tape."""
+    """Check the content of the panel's files within this tape's outline like the tape's own files."""
     tape, film = on.tape, on.film
     own = FilmLayers(
         gerbers={role: of_tape(content, on) for role, content in layers.gerbers.items() if role != "profile"},
@@ -321,7 +321,7 @@ def _check_tape(on: _OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFil
         cpl=None if layers.cpl is None else rows_of_tape(layers.cpl, on),
     )
     blank: list[Check] = []
-    if tape.tag is None and "legend-top" in own.gerbers:  # other tapes of the panel are printed
+    if tape.tag is None and "legend-top" in own.gerbers:  # the legend is that of other tapes
         legend = own.gerbers["legend-top"]
         inked = len(legend.areas_mm) + len(legend.strokes_mm) + len(legend.flash_xy_mm)
         message = f"{inked} objects on a tape that is not printed" if inked else "nothing on it, as it has no strip"

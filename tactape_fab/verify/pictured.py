@@ -1,4 +1,4 @@
-"""Parts in the pictures of a kit, by places of the manifest: pixels of the PNG, and what the preview of placements says."""
+"""Checks of the parts in a kit's pictures against the manifest: pixels of the PNG, and the placement preview."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from tactape_fab.texture.frames import FloatArray, board_to_picture
 from tactape_fab.texture.shapes import rotate
 
 _LEAST_BODY_PX = 5.0
-"""Width of a body below which pixels beside it are not told from its own."""
+"""Least width of a body whose pixels can be distinguished from those beside it."""
 _SAME_COLOUR = 40
-"""Of 255, in each channel: a body differs from the film round it by more than 100 in one."""
+"""Largest difference in each channel, of 255: a body differs from the film around it by more than 100 in one."""
 _ALONG, _BESIDE = 0.15, 0.75
-"""Probes along a body, short of its terminals, and beside it, within its opening; over its length and its width."""
+"""Places of probes: along a body, short of its terminals, as a fraction of its length; and beside it, within its opening, as a
+fraction of its width."""
 _SAME_MM, _SAME_DEG = 1e-3, 1e-3
 _XY = rb"(-?\d{1,7}\.\d\d)"
 _POINTS = rb"(?:-?\d{1,7}\.\d\d,-?\d{1,7}\.\d\d ?){4}"
@@ -25,14 +26,14 @@ _PLACED = re.compile(
     rb'<polygon points="(%b)" fill="[^"]{1,9}"/>\n(?:<polygon points="%b" fill="[^"]{1,9}"/>\n){2}'
     rb'<circle cx="%b" cy="%b" [^>]{1,99}>\n<text x="%b" y="%b" [^>]{1,199}>R(\d{1,7})</text>\n' % (_POINTS, _POINTS, *[_XY] * 4)
 )
-"""A part of the preview of placements: body, terminals, mark of land 1, designator."""
+"""A part in the placement preview: body, terminals, mark of land 1, designator."""
 _VIEW = re.compile(rb'viewBox="%b %b (\d{1,7}) (\d{1,7})"' % (_XY, _XY))
 _UNITS_PER_MM = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pictured:
-    """Content of pictures: size of the board, and the parts R1 ... Rn in its frame; xy_mm (n, 2), rotation_deg (n,)."""
+    """Expected content of pictures: size of the board, and parts R1 ... Rn in its frame; xy_mm (n, 2), rotation_deg (n,)."""
 
     size_mm: tuple[float, float]
     xy_mm: FloatArray
@@ -40,15 +41,15 @@ class Pictured:
     body_mm: tuple[float, float]
 
     def at(self, along: float, across: float) -> FloatArray:
-        """A point of each part, over length and width from its middle; shape (n, 2), mm."""
+        """A point of each part, given as fractions of length and width from its middle; shape (n, 2), mm."""
         offset = np.array([along * self.body_mm[0], across * self.body_mm[1]])
         turned = {angle: rotate([offset], angle)[0] for angle in set(self.rotation_deg.tolist())}
         return np.asarray(self.xy_mm + np.array([turned[angle] for angle in self.rotation_deg.tolist()]))
 
 
 def px_per_mm(image: np.ndarray, shown: Pictured) -> float:
-    """Scale of a picture by its longer side."""
-    # a side is rounded up to whole pixels, so that half a pixel less is off by no more than half
+    """Scale of a picture, from its longer side."""
+    # the side was rounded up to whole pixels, so half a pixel less has an error of at most half a pixel
     return float(max(image.shape[:2]) - 0.5) / (max(shown.size_mm) + 2 * MARGIN_MM)
 
 
@@ -58,9 +59,9 @@ def shows_bodies(image: np.ndarray, shown: Pictured) -> bool:
 
 
 def png_problem(image: np.ndarray, shown: Pictured) -> str | None:
-    """Why a picture is not of these parts; None if each has a body's colour in its middle and another one beside it."""
+    """Reason why a picture does not show these parts; None if each has a body's colour at its middle and another beside it."""
     scale, (width, height) = px_per_mm(image, shown), shown.size_mm
-    # the shorter side is rounded up as well: a whole pixel, and the half by which the scale may be off
+    # the shorter side was also rounded up, by up to a pixel, and the scale may be off by half a pixel
     if np.abs(np.array([width, height]) + 2 * MARGIN_MM - np.array(image.shape[1::-1]) / scale).max() * scale > 1.5 + 1e-6:
         return f"the PNG is not in the proportions of {width:g} x {height:g} mm"
     if not shows_bodies(image, shown):
@@ -77,17 +78,17 @@ def png_problem(image: np.ndarray, shown: Pictured) -> str | None:
         return np.asarray((np.abs(colours(shown.at(along, across)) - middle) <= _SAME_COLOUR).all(axis=1))
 
     within = is_body(0.0, 0.0) & is_body(_ALONG, 0.0) & is_body(-_ALONG, 0.0)
-    # on one side another body may be near
+    # on one side another body may be near, so one of both is enough
     off = np.flatnonzero(~within | (is_body(0.0, _BESIDE) & is_body(0.0, -_BESIDE)))
     return f"the PNG does not show {named([f'R{i + 1}' for i in off.tolist()])} in its place" if len(off) else None
 
 
 def placements_problem(svg: bytes, shown: Pictured) -> str | None:
-    """Why a preview of placements does not fit: bodies, lands 1, names and the first angle, of all parts in view."""
+    """Reason why a placement preview is wrong: bodies, lands 1 and names of all parts in view, and the first angle; or None."""
     found, view = _PLACED.findall(svg), _VIEW.search(svg)
     if view is None or not found or {svg.count(b"<circle"), svg.count(b">R")} != {len(found)}:
         return "the preview of placements is not in the form that this tool writes"
-    # y is down in the picture
+    # y points down in the picture
     x, y, wide, high = (float(value) / _UNITS_PER_MM for value in view.groups())
     inside = ((shown.xy_mm > (x, -y - high)) & (shown.xy_mm < (x + wide, -y))).all(axis=1)
     numbers = np.array([int(part[-1]) - 1 for part in found])
@@ -101,7 +102,7 @@ def placements_problem(svg: bytes, shown: Pictured) -> str | None:
     drawn = np.array(values, dtype=np.float64).reshape(-1, 6, 2) * (1, -1) / _UNITS_PER_MM
     marks, names = drawn[:, 4], drawn[:, 5]
     off = np.abs(drawn[:, :4] - corners).max(axis=(1, 2)) > _SAME_MM
-    # land 1 is at the end that an unturned part has on the left, and a name beside its own part
+    # land 1 is at the left end of an unrotated part, and a name is beside its part
     ends, middles = shown.at(-0.5, 0.0)[numbers], shown.xy_mm[numbers]
     off |= (((marks - ends) * (ends - middles)).sum(axis=1) <= 0.0) | (np.hypot(*(marks - ends).T) >= shown.body_mm[1])
     off |= np.hypot(*(names - middles).T) > sum(shown.body_mm)

@@ -1,7 +1,7 @@
-"""Signature of a kit: Ed25519 (RFC 8032) over the bytes of its manifest, which holds the SHA-256 of every other file.
+"""Signature of a kit: Ed25519 (RFC 8032) over the bytes of its manifest, which has the SHA-256 of every other file.
 
-The signature is 64 bytes in a file beside the manifest, as `openssl pkeyutl -rawin` makes and checks it. One key and one manifest
-have one signature: signed kits are the same bytes every time, too.
+The signature is 64 bytes in a file beside the manifest, as `openssl pkeyutl -rawin` makes and checks it. It is deterministic, so
+that signed kits are reproducible as well.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _PUBLIC = "give an Ed25519 key as `openssl pkey -pubout` writes it, or the .pub 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signer:
-    """The private key that kits are signed with, as its file holds it."""
+    """The private key for signing kits, as the bytes of its file."""
 
     key: bytes = field(repr=False)
 
@@ -40,26 +40,26 @@ class Signer:
 
 
 def read_signer(path: str | Path) -> Signer:
-    """The private key of a file.
+    """Read a private key.
 
-    Raises SpecError if it is no Ed25519 key in PEM, of openssl or ssh-keygen, or is locked by a password.
+    Raises SpecError if it is not an Ed25519 key in PEM, by openssl or ssh-keygen, or is protected by a password.
     Raises MissingLibraryError if the extra ``sign`` is not installed.
     """
     signer = Signer(key=_read(path, "sign", _PRIVATE))
     try:
         _private_key(signer.key)
-    except (ValueError, TypeError) as error:  # TypeError: it needs a password, or has none
+    except (ValueError, TypeError) as error:  # TypeError: the key is protected by a password
         raise SpecError(Problem("sign", f"sign = {shown_path(path)} is no private key that can be used; {_PRIVATE}")) from error
     return signer
 
 
 def check_signed(kit: str | Path, key: str | Path | None) -> list[Check]:
-    """Check who made a kit.
+    """Check the signature of a kit.
 
     kit: Folder of a kit or panel, or its manifest.json.
-    key: File of the public key of who is said to have made it: without their signature the line fails. Without a key an unsigned
-        kit has no line, a signed one a warning.
-    Raises SpecError if there is no kit, or the key is no public Ed25519 key.
+    key: File of the expected maker's public key; the check fails without a valid signature by it. If None, an unsigned kit gives
+        no line, a signed one a warning.
+    Raises SpecError if there is no kit, or the key is not a public Ed25519 key.
     Raises MissingLibraryError if the extra ``sign`` is not installed and a key is given.
     """
     manifest = find_manifest(kit)
@@ -114,8 +114,8 @@ def _ed25519(key: Any, kind: str) -> Any:
 
 
 def _fingerprint(public: Any) -> str:
-    """Fingerprint of a public key as `ssh-keygen -l` shows it (RFC 4253 section 6.6, RFC 8709)."""
+    """Fingerprint of a public key in the form of `ssh-keygen -l` (RFC 4253 section 6.6, RFC 8709)."""
     name, raw = b"ssh-ed25519", public.public_bytes_raw()
-    # the key as SSH sends it: name and 32 bytes, each with its length before it
+    # the key in SSH's encoding: name and 32 bytes, each preceded by its length
     digest = hashlib.sha256(len(name).to_bytes(4, "big") + name + len(raw).to_bytes(4, "big") + raw).digest()
     return "SHA256:" + base64.b64encode(digest).decode("ascii").rstrip("=")

@@ -1,4 +1,4 @@
-"""The spec that a manifest records: whether it says the same tape, film and solid as the rest of the manifest."""
+"""Consistency of the spec in a manifest with the tape, film and solid in the rest of the manifest."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.tape import Tape
 
 _PROFILE_FILE = ".toml"
-"""Ending of a profile of the user's own, whose name may be any."""
+"""Extension of a user's own profile, whose name may be any."""
 
 
 def of_tape(tape: Tape) -> dict[str, Any]:
-    """Options of a spec as the manifest's tape has them; some of None are those that it does not tell."""
+    """Options of a spec that follow from the manifest's tape; some are None if the tape does not determine them."""
     board = tape.board
     return {
         "sector": tape.sector,
@@ -33,7 +33,7 @@ def of_tape(tape: Tape) -> dict[str, Any]:
 
 
 def other_values(values: Mapping[str, Any], known: Mapping[str, Any]) -> list[Problem]:
-    """Options of a spec that are not the `known` ones."""
+    """Problems of options whose values differ from the `known` ones."""
     return [
         Problem(key, f"spec.{key} = {shown(values.get(key))} is not that of the tape, {shown(value)}")
         for key, value in known.items()
@@ -42,7 +42,7 @@ def other_values(values: Mapping[str, Any], known: Mapping[str, Any]) -> list[Pr
 
 
 def contradictions(content: Mapping[str, Any], tape: Tape) -> list[Problem]:
-    """Options that the spec of a manifest of any version gives, and that say another thing than the manifest does elsewhere."""
+    """Problems of options in a manifest's spec that contradict the rest of the manifest, for manifests of any version."""
     spec = content.get("spec")
     values = {key: value for key, value in spec.items() if value is not None} if isinstance(spec, Mapping) else {}
     known = {**of_tape(tape), **dict(_elsewhere(content, tape, values))}
@@ -50,7 +50,7 @@ def contradictions(content: Mapping[str, Any], tape: Tape) -> list[Problem]:
 
 
 def _elsewhere(content: Mapping[str, Any], tape: Tape, values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Options that the manifest has beside the tape's own."""
+    """Options that follow from the manifest's other tables."""
 
     def table(key: str) -> Mapping[str, Any]:
         found = content.get(key)

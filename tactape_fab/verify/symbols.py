@@ -1,4 +1,4 @@
-"""Symbols rebuilt from measured part positions, and decoded window by window."""
+"""Checks of the symbols that part positions show: compared with the manifest, and decoded window by window."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from tactape_fab.texture.windows import windows_of
 
 
 def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, BoolArray, int]:
-    """Read the symbols that part positions show on the tape's grid.
+    """Symbols that part positions show on the tape's grid.
 
-    tape: Only its grid is used: texture origin, pitch, displacement, directions, columns and rows.
+    tape: Gives the grid: texture origin, pitch, displacement, directions, columns and rows; its symbols are not used.
     xy_mm (n, 2): Part centres in the board frame, in any order.
     Returns symbols (rows, columns).
-    Returns found (rows, columns): Where exactly one part shows a symbol.
-    Returns strays: Parts that are not at a grid point, not at a symbol's place, or at a point already taken.
+    Returns found (rows, columns): Whether exactly one part shows a symbol.
+    Returns strays: Number of parts that are not at a grid point, not at a symbol's place, or at a point already taken.
     """
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
     cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
     moved = texture_mm - cell * tape.pitch_mm
-    # from each place round its grid point: the nearest is its symbol; of four that is the quadrant (paper, Sec. III-A.4)
+    # distance from each symbol's place around the grid point; with four the nearest is that of the quadrant (paper, Sec. III-A.4)
     distance = np.linalg.norm(moved[:, None] - tape.displacement_mm * tape.points_in.xy, axis=2)
     most_mm = tape.displacement_mm * tape.points_in.reads_within
-    # a part half way between two places shows neither
+    # a part half way between two places shows no symbol
     on_grid = ((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1) & (distance.min(axis=1) < most_mm)
     symbols = np.zeros((tape.rows, tape.columns), dtype=np.uint8)
     count = np.zeros((tape.rows, tape.columns), dtype=np.int64)
     column, row = cell[on_grid].T
     symbols[row, column] = distance[on_grid].argmin(axis=1)
     np.add.at(count, (row, column), 1)
-    # of two parts at one grid point the last one's symbol stands in `symbols`; the point is not found, and one of them is a stray
+    # of two parts at one grid point `symbols` has that of the last; the point is not found, and one of them is a stray
     return symbols, count == 1, int((~on_grid).sum() + np.maximum(count - 1, 0).sum())
 
 
@@ -72,7 +72,7 @@ def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: s
     places = locate_windows(code, symbols)
     whole = np.lib.stride_tricks.sliding_window_view(found, (code.window, code.window)).all(axis=(2, 3))
     rows, columns = places.valid.shape
-    # every window says the whole tape's origin: its own place on the plane is that plus its corner
+    # every window implies the tape's origin: its place on the plane less its corner
     right = (
         places.valid
         & (places.sector == tape.sector)
@@ -102,13 +102,13 @@ def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: s
 
 
 def _check_matrix_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
-    """Look up every whole window in the manifest's matrix, in all quarter turns: a touch code has no decoding rule."""
+    """Look up every whole window in the manifest's matrix, in all quarter turns, as a designed code has no decoding rule."""
     side, name = get_code(tape.code).window, f"windows from {source}"
     seen = windows_of(symbols, found, side, turns=1, directions=tape.directions)
-    # every window of the matrix, also those with omitted cells, so that the index of a window is that of its corner
+    # all windows of the matrix, even with omitted cells, so that the index of a window follows from its corner
     known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=4, directions=tape.directions)
     columns = tape.columns - side + 1
-    # one word holds a window: 4 x 4 symbols of 3 bits are 48 of its 64
+    # a window fits in one word: 4 x 4 symbols of 3 bits are 48 of 64
     own = known.words[0][0, seen.corner_rc[:, 0] * columns + seen.corner_rc[:, 1]]
     wrong = np.flatnonzero(seen.words[0][0] != own)
     if len(wrong) or seen.count == 0:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Said = Callable[[Check], None]
 """Called with every line as soon as it is known."""
 Beside = Callable[[], Iterable[Check]]
-"""Further checks of the same files, made while other programs read the models."""
+"""Further checks of the same files, run while other programs read the models."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class Verification:
     checks : tuple of Check
         Every line, in order.
     trips : tuple of Trip
-        Contacts of the round trip, by source; none in a quick verification.
+        Contacts of the full round trip, by source; empty for a quick verification.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Verification:
 
 
 def collected(name: str, lines: Iterable[Check], said: Said, trips: Sequence[Trip] = ()) -> Verification:
-    """Verification of lines as they come; `trips` may grow meanwhile."""
+    """Collect lines into a verification, reporting each as it comes; `trips` may grow meanwhile."""
     checks = []
     for line in lines:
         checks.append(line)
@@ -62,6 +62,6 @@ def collected(name: str, lines: Iterable[Check], said: Said, trips: Sequence[Tri
 
 
 def unreadable(name: str, error: SpecError, said: Said) -> Verification:
-    """Verification with one failed line: the manifest cannot be read."""
+    """Verification with the single failed line that the manifest cannot be read."""
     message = "; ".join(str(error).splitlines())
     return collected(name, [Check(name="manifest", passed=False, message=message)], said)

@@ -1,4 +1,4 @@
-"""Outline, clearances to it, component layer and drill file against the manifest and the CPL."""
+"""Checks of outline, clearances from it, component layer and drill file against the manifest and the CPL."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _CORNERS = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
 OUTLINE_LINE_MM = 0.1
 _BODY_LINE_MM = 0.1
 _COMPONENT_FUNCTIONS, _COMPONENT_MM = ("ComponentMain", "ComponentPin", "ComponentPin"), (0.3, 0.36, 0.0)
-"""Function and diameter of what a part's centre, pin 1 and pin 2 are flashed with: fixed by Gerber 2024.05, section 6.2."""
+"""Function and diameter of the apertures of a part's centre, pin 1 and pin 2, which Gerber 2024.05 section 6.2 prescribes."""
 PART_DATA = re.compile(rb"%TO\.C([A-Z][A-Za-z]*),([^*]*)\*%")
 
 
@@ -44,14 +44,14 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
         return Check(name="profile", passed=False, message="the outline is not closed")
     (width, height), radius = board.size_mm, board.corner_radius_mm
     corners = [(radius, radius), (width - radius, radius), (width - radius, height - radius), (radius, height - radius)]
-    # a rounded rectangle is its core of corner centres widened by the radius
+    # a rounded rectangle is the rectangle of its corner centres offset by the radius
     core = shapely.MultiPoint(corners).convex_hull
     expected = core.buffer(radius, quad_segs=_arc_points(radius)) if radius else core
     if not shapely.Polygon(stroke).is_valid:
         return Check(name="profile", passed=False, message="the outline crosses itself")
     sides = shapely.STRtree(shapely.linestrings(np.stack([stroke[:-1], stroke[1:]], axis=1)))
     from_drawn_mm = nearest(shapely.get_coordinates(expected.exterior), sides)[1]
-    # both ways: drawn points from the expected outline by its formula, and expected points from the drawn chords
+    # in both directions: drawn points from the exact outline, and expected points from the drawn chords
     error_mm = float(max(off_outline_mm(stroke, board.size_mm, radius), from_drawn_mm.max()))
     passed = error_mm <= OUTLINE_TOLERANCE_MM
     size = stroke.max(axis=0) - stroke.min(axis=0)
@@ -60,8 +60,8 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
 
 
 def off_outline_mm(closed_mm: FloatArray, size_mm: tuple[float, float], radius_mm: float) -> float:
-    """How far a closed line, its first point repeated, is off a board's outline, or its area from the board's on the mean."""
-    # middles of its sides as well: those of a cut across the board end on the outline
+    """Largest distance of a closed polyline from a board's outline, or the mean distance by their areas if larger, mm."""
+    # middles of segments as well, as a segment across the board may end on the outline
     points = np.concatenate([closed_mm, (closed_mm[1:] + closed_mm[:-1]) / 2])
     width, height = size_mm
     missing_mm2 = width * height - (4 - pi) * radius_mm**2 - area_mm2(closed_mm)
@@ -69,7 +69,7 @@ def off_outline_mm(closed_mm: FloatArray, size_mm: tuple[float, float], radius_m
 
 
 def pen_problem(content: GerberContent) -> str | None:
-    """Fault of the pen that draws an outline: fabs take the middle of a thin, dark line."""
+    """Problem of the strokes of an outline, which must be thin and of dark polarity, as fabs use their centre line."""
     widest = float(np.abs(content.stroke_width_mm - OUTLINE_LINE_MM).max(initial=0.0))
     if content.clear:
         return "it draws in clear polarity"
@@ -82,7 +82,7 @@ def _arc_points(radius_mm: float) -> int:
 
 
 def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
-    """Check that nothing lies outside the outline, and that copper and bodies keep the recorded distances from it."""
+    """Check that nothing is outside the outline, and that copper and bodies keep the recorded distances from it."""
     board = tape.board
 
     def inset(points: list[FloatArray]) -> float:
@@ -114,23 +114,23 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
 
 
 def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArray:
-    """Points of a shape repeated at many places, only of those copies that may be the nearest to the board's outline.
+    """Vertices of those copies of a shape that may be the nearest to the board's outline.
 
-    No point of a copy is farther from the copy's place than the shape's radius, which bounds its distance to the outline.
+    Points of a copy are within the shape's radius of its place, which bounds their distance from the outline.
     """
     inset = inset_mm(xy_mm, tape.board.size_mm, tape.board.corner_radius_mm)
     reach_mm = np.hypot(*outline_mm.T).max()
-    # with the least inset d the nearest point is at d + reach at most; a copy at inset i has none nearer than i - reach
+    # with the least inset d of a place, the nearest point is at most at d + reach; a copy at inset i has none below i - reach
     near = xy_mm[inset <= inset.min(initial=np.inf) + 2 * reach_mm + EDGE_TOLERANCE_MM]
     return np.asarray((near[:, None] + outline_mm).reshape(-1, 2))
 
 
 def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded: Recorded) -> Check:
     """Check that ink keeps the recorded distance from every coverlay opening."""
-    # a polygon that crosses itself has no distance in GEOS
+    # GEOS gives no distance for self-intersecting polygons
     areas = shapely.make_valid(polygons(legend.areas_mm))
     ink = np.concatenate([areas, pen_strokes(legend.strokes_mm, legend.stroke_width_mm)])
-    # 5 mm more than the limit: a flash's place is the middle of its opening, which reaches less far
+    # 5 mm more than the limit, as the place of a flash is the centre of its opening, which extends less than that
     bounds = shapely.total_bounds(ink) + np.array([-1, -1, 1, 1]) * (recorded.opening_legend_mm + 5.0)
     close = ((coverlay.flash_xy_mm >= bounds[:2]) & (coverlay.flash_xy_mm <= bounds[2:])).all(axis=1)
     stamps = [
@@ -168,7 +168,7 @@ def check_components(content: GerberContent, cpl: CplContent) -> Check:
 
 
 def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: RecordedAssembly, pads: LandPattern) -> Check:
-    """Check what the component layer says of its parts: rotation, value, footprint, height, both pins and the body's outline."""
+    """Check the parts' data in the component layer: rotation, value, footprint, height, both pins and body outline."""
     fields = {
         "Rot": f"{tape.part.rotation_deg:g}",
         "Mnt": "SMD",
@@ -182,7 +182,7 @@ def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: R
         wrong = [f".C{name} {shown(value)}" for name, value in found if fields.get(name) != value]
         problems.append(f"it says {named(wrong) or 'a value twice, or not at all'}, which the manifest does not")
     pin = np.array([bool(name) for name in content.flash_pin], dtype=bool)
-    # flashes with a pin are the two pins of each part; the one without is its centre
+    # flashes with a pin are the two pins of each part; the flash without is its centre
     names = [name for name, keep in zip(content.flash_component, pin, strict=True) if keep]
     numbers = [name for name in content.flash_pin if name]
     half = rotate(np.array([(-pads.offset_mm, 0.0), (pads.offset_mm, 0.0)]), tape.part.rotation_deg)
@@ -204,7 +204,7 @@ def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: R
         problems.append("it does not draw one body for each part")
     else:
         corners = np.array(outlines) - tape.part_xy_mm()[:, None]
-        # an outline may begin in any of the four corners; from there on they follow each other back to the first
+        # an outline may begin at any of the four corners, and returns to it
         begun = np.stack([np.concatenate([rolled, rolled[:1]]) for rolled in (np.roll(bodies, -k, axis=0) for k in range(4))])
         far = np.abs(corners[:, None] - begun).max(axis=(-2, -1)).min(axis=-1)
         if far.max(initial=0.0) > PLACE_TOLERANCE_MM:
@@ -216,7 +216,7 @@ def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: R
 
 
 def check_drill(holes: FloatArray, tape: Tape) -> Check:
-    """Check that the drill file has exactly the manifest's holes."""
+    """Check that the drill file has exactly the holes of the manifest."""
     expected, found = sorted(tape.board.holes), sorted((x, y, d) for x, y, d in holes.tolist())
 
     def apart(hole: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:

@@ -1,4 +1,4 @@
-"""Checks of the CPL and the BOM against the manifest."""
+"""Checks of CPL and BOM against the manifest."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CELL_REMEDY = "a cell begins with a letter or digit and holds no formula"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedAssembly:
-    """Assembly as the manifest records it: format of the assembly house, and the part as CPL and BOM name it."""
+    """The manifest's record of the assembly: format of the house, and the part's texts in CPL and BOM."""
 
     format: str
     value: str
@@ -50,7 +50,7 @@ def read_assembly(table: Fields) -> RecordedAssembly:
 
 
 def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: LandPattern) -> list[Check]:
-    """Check that the CPL has one row per part, in order, with its grid place, top side, rotation and name of the manifest."""
+    """Check that the CPL has one row per part, in order, with place, top side, rotation and texts of the manifest."""
     expected = tape.designators()
     problems = []
     house = PLACEMENTS[recorded.format]
@@ -76,10 +76,10 @@ def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: Lan
 
 
 def _text_problems(cpl: CplContent, recorded: RecordedAssembly, pads: LandPattern) -> list[str]:
-    """Cells, other than place and side, that differ from the manifest."""
-    # KiCad's position file is aligned with blanks, so that a cell has none
+    """Problems of cells other than place and side that differ from the manifest."""
+    # KiCad's position file is aligned by blanks, so that cells have none
     blank = "_" if cpl.table.style == "kicad" else " "
-    # MacroFab's X-Size and Y-Size: the box round both lands of an unturned part
+    # MacroFab's X-Size and Y-Size: the bounding box of both lands of an unrotated part
     lands_mm = {"length": 2 * pads.offset_mm + pads.size_mm[0], "width": pads.size_mm[1]}
     expected = {
         "value": recorded.value.replace(" ", blank),
@@ -116,7 +116,7 @@ def _check_places(cpl: CplContent, tape: Tape) -> Check:
 
 
 def _check_rotation(cpl: CplContent, tape: Tape) -> Check:
-    # the difference of two angles, between 0 and 180 deg: half a turn is wrong, although a chip resistor is the same
+    # absolute difference of two angles, 0 to 180 deg; half a turn is wrong, although a chip resistor is symmetric
     turn = np.abs((cpl.rotation_deg - tape.part.rotation_deg + 180.0) % 360.0 - 180.0)
     wrong = np.flatnonzero(turn > ROTATION_TOLERANCE_DEG)
     message = (
@@ -129,13 +129,13 @@ def _check_rotation(cpl: CplContent, tape: Tape) -> Check:
 
 
 def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) -> Check:
-    """Check that every part is in exactly one BOM row, at most 200 a row, with the manifest's columns, quantities and texts."""
+    """Check that every part is in exactly one BOM row, at most 200 per row, with the manifest's columns, quantities and texts."""
     bom = FORMATS[recorded.format].bom
     try:
         rows = read_bom(data, bom)
     except ReadbackError as error:
         return Check(name="bom", passed=False, message=f"it cannot be read: {error}")
-    # no ranges such as R1-R9: houses count what stands between commas
+    # ranges such as R1-R9 are not allowed, as houses count the items between commas
     groups = [row["designator"].split(",") for row in rows]
     found = [name for group in groups for name in group]
     known, seen = set(expected), set(found)

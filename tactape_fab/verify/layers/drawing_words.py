@@ -1,4 +1,4 @@
-"""Words of the fab drawing, one after the other: none may differ from the manifest, be missing, or be added."""
+"""Check of the fab drawing's words: in their order none may differ from the manifest, be missing, or be added."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from tactape_fab.verify.layers.kicad_drawn import Made
 from tactape_fab.verify.layers.lands import between_lands_mm, opening_size_mm
 
 _F = r"[-+.\de]{1,12}"
-"""A figure that the manifest does not have."""
+"""Pattern of a figure that the manifest does not contain."""
 _HOLE = re.compile(rf"\? ({_F}) x ({_F}) y ({_F})")
 _FIELD = re.compile(rf" ({_F}) field ({_F}) A ")
 _THREE_DIGITS = 0.006
 _MOST_HOLES = 8
 _HOLE_MM = 6e-4
-"""Half of the third decimal, and a float's error."""
+"""Tolerance of figures with three decimals."""
 
 
 def in_ascii(text: str) -> str:
-    """A text as the reader of the drawing has it: only the font says which characters the others are."""
+    """A text with '?' for non-ASCII characters, as the drawing's reader, which does not read the font, gives it."""
     return "".join(c if " " <= c <= "~" else "?" for c in text)
 
 
 def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
-    """The first place where the words are not those of the manifest, and holes that are not its."""
+    """Problems of the drawing's words: the first that differs from the manifest, and holes that differ."""
     at = 0
     for pattern in _pieces(expected, made, dashes=" Short dashes: " in words):
         found = re.compile(f" {pattern}(?= )").match(words, at)
         if found is None:
-            # what a group or an escaped character follows is fixed text, and tells what is meant
+            # the text before a group or an escaped character is fixed, and identifies the pattern
             fixed = re.split(r"[\\(\[]", pattern)[0].strip()
             return [f"it says {quoted(words[at : at + 80].strip())} where {quoted(fixed)} should stand and go on"]
         at = found.end()
@@ -54,12 +54,12 @@ def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
 
 
 def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
-    """Patterns of the words, each fixed but for figures that no record has; a blank is between any two."""
+    """Patterns of the words in their order, to be joined by blanks; only figures that are not recorded are free."""
     tape, pads, count = made.tape, made.record.lands.pads, len(expected.parts_xy_mm)
     opening = " x ".join(f"{side:g}" for side in opening_size_mm(made.record.lands))
     order, radius_mm = made.record.order, made.radius_mm
     length, width, height = (f"{side:g}" for side in tape.part.body_mm)
-    # drawings before the first released ones called a solder mask coverlay, too
+    # drawings before the first release called a solder mask coverlay as well
     mask = f"(?:coverlay|{'solder mask' if order is None else re.escape(order.mask)})"
     tapes, (wide, high) = r"(?:\d+ )*?" * made.on_panel, expected.size_mm
     yield f"OUTLINE, seen from the parts' side {tapes}{wide:g} {high:g}"
@@ -94,7 +94,7 @@ def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
 
 
 def _layers(count: int, mask: str, opening: str, height: str, made: Made) -> Iterator[str]:
-    """Patterns of the table of layers and of the words beside the section."""
+    """Patterns of the table of layers, and of the words beside the cross-section."""
     order, backings, legend_mm = made.record.order, made.record.film.backings, made.record.legend
     line = _F if legend_mm is None else f"{legend_mm.line_mm:g}"
 
@@ -151,5 +151,5 @@ def _notes(angles_deg: Sequence[float], mask: str, made: Made, *, dashes: bool) 
 
 
 def lean(rotation_deg: float) -> str:
-    """The sign that a chip's long axis looks like; of two that are equally near, as Python rounds."""
+    """The character that resembles a chip's long axis; of two equally near ones, as `round` decides."""
     return {0: "-", 1: "/", 2: "|", 3: "\\"}[round(rotation_deg % 180.0 / 45.0) % 4]

@@ -1,6 +1,6 @@
-"""Checks of the drawings for the people at the fab: the DXF's outlines against the manifest, the PDF's form and words.
+"""Checks of the drawings for the people at the fab: outlines of the DXF, form and words of the PDF.
 
-Both come to programs that open whatever a file asks for, so they are accepted in the form that this tool writes alone.
+Programs that open these formats also execute or fetch what a file refers to, so only the form that this tool writes is accepted.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from tactape_fab.verify.layers.legend import inked_or_cut
 from tactape_fab.verify.layers.written_form import same_contours, segments
 
 _MOST_TEXT = 8 << 20
-"""Bytes of the unpacked page; one of 20,000 parts has 1.5 MB."""
+"""Most bytes of the decompressed page; one with 20,000 parts has 1.5 MB."""
 _TAG = re.compile(r" {0,2}(\d{1,4})\n([^\n]*)\n")
 _HEADER = ["0 SECTION", "2 HEADER", "9 $ACADVER", "1 AC1009", "9 $INSUNITS", "70 4", "0 ENDSEC", "0 SECTION", "2 TABLES"]
 """Release 12 in millimetres."""
 _LAYERS = re.compile(
     r"0 TABLE\n2 LAYER\n70 \d\n(?:0 LAYER\n2 [A-Z]+\n70 0\n62 [1-9]\n6 CONTINUOUS\n){1,9}0 ENDTAB\n0 ENDSEC\n0 SECTION"
 )
-"""Layers that are seen: flags (70) freeze a layer, a negative colour (62) switches it off."""
+"""Table of visible layers: flags (70) could freeze a layer, and a negative colour (62) switch it off."""
 Drawn = dict[str, list[FloatArray]]
-"""Vertices by layer; of a circle x, y and diameter."""
+"""Vertices of polylines by layer; for a circle x, y and diameter."""
 
 
 def check_drawings(files: Mapping[str, WrittenFile], expected: Shown, made: Made) -> list[Check]:
-    """Check the drawings that are there."""
+    """Check those drawings that the kit has."""
     checks = []
     if "fab-dxf" in files:
         problems = _dxf_problems(files["fab-dxf"].data, expected, made)
@@ -79,14 +79,14 @@ def _dxf_problems(data: bytes, expected: Shown, made: Made) -> list[str]:
         if layer == "HOLES":
             these, those = (np.concatenate([*circles, none]) for circles in (found, wanted))
             same = len(found) == len(wanted) and apart_mm(these, those) <= PLACE_TOLERANCE_MM
-        elif layer == "LABEL":  # a Gerber file may break a line where the DXF does not
+        elif layer == "LABEL":  # a Gerber file may split a polyline that is whole in the DXF
             these, those = (segments(lines).reshape(-1, 2, 2) for lines in (flat, wanted))
             same = not len(without_counterpart(these, those)) + len(without_counterpart(those, these))
         else:
             same = same_contours(flat, wanted, PLACE_TOLERANCE_MM)
         if not same:
             problems.append(f"its {layer} are {len(found)} contours that are not the {len(wanted)} of the kit")
-    # a field is the box in which all its parts lie; a panel has one for each tape
+    # a field is the bounding box of its parts; a panel has one per tape
     fields = [_box(line) for line in drawn.pop("FIELD", [])]
     outside = [not any(inside) for inside in zip(*(_inside(parts, *box) for box in fields), strict=True)] or [True]
     if any(outside):
@@ -100,15 +100,15 @@ def _dxf_problems(data: bytes, expected: Shown, made: Made) -> list[str]:
 
 
 def _read_dxf(data: bytes) -> Drawn:
-    """Contours of each layer, in the writer's form of release 12."""
+    """Contours of each layer of a DXF in the writer's form. Raises ValueError for any other form."""
     text = data.decode("ascii")
     tags = [(int(code), value) for code, value in _TAG.findall(text)]
-    # written again from what was read: whatever the pattern skipped shows as a difference
+    # written again from the parsed tags, so that any text which the pattern skipped is a difference
     if "".join(f"{code:3d}\n{value}\n" for code, value in tags) != text or tags[-2:] != [(0, "ENDSEC"), (0, "EOF")]:
         raise ValueError("it is not written as this tool writes it, or it was cut off")
     said = [f"{code} {value}" for code, value in tags]
     start = said.index("2 ENTITIES")
-    # the table of layers alone: blocks and styles could draw too, or name a file
+    # only the table of layers is allowed, as blocks and styles could draw as well, or refer to a file
     if said[: len(_HEADER)] != _HEADER or not _LAYERS.fullmatch("\n".join(said[len(_HEADER) : start])):
         raise ValueError("it has another unit or release, a layer that is off or frozen, or holds more before what it draws")
     drawn: Drawn = {}
@@ -119,13 +119,13 @@ def _read_dxf(data: bytes) -> Drawn:
             raise ValueError(f"it draws a {quoted(kind[1])}")
         points: list[tuple[float, ...]] = []
         if kind[1] == "CIRCLE":
-            # group codes of the DXF reference: 10, 20, 30 are x, y, z of a point, 40 is a radius, 8 the layer, 0 begins an entity
+            # group codes of the DXF reference: 10, 20, 30 are x, y, z of a point, 40 a radius, 8 the layer; 0 begins an entity
             x, y, radius = _numbers(tags[at + 2 : at + 6], (10, 20, 30, 40))
             points.append((x, y, 2 * radius))
             at += 6
         else:
-            # a width (40, 41) or a bulge (42) would draw something else than lines through the points, and an outline that is not
-            # closed (70, 1) lacks its last side
+            # a width (40, 41) or a bulge (42) would draw other shapes than lines through the points, and an outline that is not
+            # closed (70, 1) would lack its last side
             if tags[at + 2] != (66, "1") or tags[at + 6] != (70, "0" if layer == "LABEL" else "1"):
                 raise ValueError(f"a line of its {quoted(layer)} has a width or a bulge, or is not closed")
             _numbers(tags[at + 3 : at + 6], (10, 20, 30))
@@ -144,11 +144,11 @@ _FAR_MM = 10_000.0
 
 
 def _numbers(tags: list[tuple[int, str]], codes: tuple[int, ...]) -> tuple[float, ...]:
-    """The values of a point or circle, none of them far away; its z, which is 0, is left out."""
+    """The values of a point or circle without z, which must be 0. Raises ValueError for values beyond `_FAR_MM`."""
     if tuple(code for code, _ in tags) != codes or tags[2][1] != "0.0":
         raise ValueError("a point of it is not in the plane")
     values = tuple(float(value) for code, value in tags if code != 30)
-    if not all(abs(value) <= _FAR_MM for value in values):  # nor is NaN; squares of distances stay finite
+    if not all(abs(value) <= _FAR_MM for value in values):  # refuses NaN as well; squares of distances stay finite
         raise ValueError(f"a point of it is farther away than {_FAR_MM:g} mm")
     return values
 
@@ -161,7 +161,7 @@ def _inside(xy_mm: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
     return np.asarray(((xy_mm > low) & (xy_mm < high)).all(axis=1))
 
 
-# PDF (ISO 32000-1), as ReportLab writes it: objects one behind the other, then the table that says where each begins
+# PDF (ISO 32000-1) in the form of ReportLab: objects one after the other, then the cross-reference table
 
 _STRING = rb"\((?:[^()\\]|\\.)*\)"
 _DICT = rb"<<(?:[^()<>%]|" + _STRING + rb"|<<[^()<>%]*>>)*>>"
@@ -179,13 +179,13 @@ _NAMES = frozenset(
     b"/Filter /FlateDecode /ASCII85Decode /Length /Length1 /Author /CreationDate /Creator /Keywords /ModDate /Producer /Subject "
     b"/Title /Trapped /False".split()
 )
-"""Names of the drawing's objects: none of an action, a script, a file, a form, a link, or of objects packed in a stream."""
+"""Names of the drawing's objects, without those of actions, scripts, files, forms, links and object streams."""
 _NAME = re.compile(rb"/[^\s()<>\[\]{}/%]*")
 _OF_FONTS = re.compile(rb"/(?:F\d\+0|AAAAAA\+BitstreamVeraSans-(?:Roman|Bold))")
 
 
 def _read_pdf(data: bytes) -> str:
-    """The words of its one page, a blank between them; ValueError if it holds more than the page and its fonts."""
+    """The words of the single page, separated by blanks; ValueError if the file has more than the page and its fonts."""
     start = _START.match(data)
     if start is None:
         raise ValueError("it does not begin as one")
@@ -194,11 +194,11 @@ def _read_pdf(data: bytes) -> str:
         places.append(at)
         if int(found[1]) != len(places):
             raise ValueError("its objects are not in order")
-        # what stands within a string is text, and names nothing
+        # strings are removed, as they contain no names
         bare = re.sub(_STRING, b"", found[2])
         kinds += re.findall(rb"/Type /(\w+)", bare)
         contents += [int(number or 0) for number in re.findall(rb"/Contents(?: (\d{1,4}) 0 R )?", bare)]
-        # names that are known are allowed, all others refused: /JS, /URI, /Launch and those that a later version of PDF brings
+        # only known names are allowed, which excludes /JS, /URI, /Launch and names of later versions of PDF
         strange = [n for n in _NAME.findall(bare) if n not in _NAMES and not _OF_FONTS.fullmatch(n)]
         if strange:
             raise ValueError(f"it holds {quoted(strange[0].decode('latin-1'))}")
@@ -208,14 +208,14 @@ def _read_pdf(data: bytes) -> str:
             if stream is None:
                 raise ValueError("a stream is packed in another way")
             packed = data[at : at + int(stream[2])]
-            # the page's own stream, by the object number that /Contents refers to; the others are the fonts
+            # the page's stream, by the object number in /Contents; the others are fonts
             if len(places) in contents:
                 pages.append(base64.a85decode(packed.strip().removesuffix(b"~>")) if stream[1] else packed)
             at += len(packed)
             if not data.startswith(b"endstream\nendobj\n", at):
                 raise ValueError("a stream does not end where it says")
             at += len(b"endstream\nendobj\n")
-    # the cross-reference table that these objects must have: a reader goes by it, and could be sent to bytes inside a stream
+    # the cross-reference table must be that of these objects, as it could lead a reader to bytes inside a stream
     table = b"".join(b"%010d 00000 n \n" % place for place in places)
     table = b"xref\n0 %d\n0000000000 65535 f \n" % (len(places) + 1) + table
     end = _END.fullmatch(data, at + len(table))
@@ -224,12 +224,12 @@ def _read_pdf(data: bytes) -> str:
     if kinds.count(b"Page") != 1 or kinds.count(b"Catalog") != 1 or not len(contents) == len(pages) == 1:
         raise ValueError("it has not one page")
     inflater = zlib.decompressobj()
-    # no more than that is unpacked, whatever the stream would give
+    # at most `_MOST_TEXT` bytes are decompressed
     content = inflater.decompress(pages[0], _MOST_TEXT)
     if not inflater.eof:
         raise ValueError("its page is too long")
-    # "(text) Tj" shows a text; what is before its bracket places it
+    # "(text) Tj" shows a text, after operators that position it
     lines = b" ".join(before.rpartition(b" (")[2] for before in content.split(b") Tj")[:-1])
-    ascii_alone = re.sub(rb"\\[0-7]{3}", b"?", lines)  # only the font says which characters the others are
+    ascii_alone = re.sub(rb"\\[0-7]{3}", b"?", lines)  # their characters are defined by the font's encoding
     words = re.sub(rb"\\(.)", rb"\1", ascii_alone).decode("latin-1")
     return f" {words} "

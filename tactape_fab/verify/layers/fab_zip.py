@@ -1,7 +1,7 @@
-"""Check of the zip for the fab: it is, byte for byte, the one that holds the kit's checked files and nothing else.
+"""Check of the zip for the fab: byte for byte a zip of the kit's checked files and nothing else.
 
-Programs that open a zip go by different parts of it: the directory at its end, the header before each member, names in additional
-fields, file types in attributes. So nothing is left open but the date and how the members were compressed.
+Programs that open a zip use different parts of it: the central directory, the local headers, names in extra fields, file types in
+attributes. So only the date and the compressed data may be arbitrary.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Che
     ordered = sorted((files[role] for role in roles), key=lambda file: file.path)
     expected = {file.path.rsplit("/", 1)[-1]: file.data for file in ordered}
     problems = list(zip_problems(files["fab-zip"].data, expected))
-    if len(expected) < len(ordered):  # of one name in two folders
+    if len(expected) < len(ordered):  # two folders have a file of the same name
         problems.append(f"{len(ordered)} files of the kit have {len(expected)} names in it")
     message = named(problems) if problems else f"{len(expected)} files, each as in the kit, nothing else"
     return Check(name="fab-zip", passed=not problems, message=message)
 
 
 def zip_problems(data: bytes, expected: Mapping[str, bytes]) -> Iterator[str]:
-    """Differences of a zip from that of `expected`, names to contents in the order of the zip; the first one, or some."""
+    """Differences of a zip from that of `expected`, which maps names to contents in order; not necessarily all."""
     try:
         members, directory = _members(data, len(expected))
     except (struct.error, ValueError) as error:
@@ -48,18 +48,18 @@ def zip_problems(data: bytes, expected: Mapping[str, bytes]) -> Iterator[str]:
     yield from (f"{name} is in the zip twice" for name in sorted(set(names)) if names.count(name) > 1)
     if sorted(names) != sorted(expected):
         return
-    # one date for all, whatever it is: the only thing that is taken from the zip besides the packed bytes
+    # besides the compressed bytes, only the date is taken from the zip, one for all members
     rebuilt, entries, date = b"", b"", members[0][2] if members else 0
     for name, packed, _ in members:
         content, raw = expected[name], name.encode("ascii")
         if _unpacked(packed, len(content)) != content:
             yield f"{name} in the zip differs from the kit's"
             return
-        # the same fields in a local header and its directory entry: method, time, date, CRC-32, packed and unpacked size
+        # fields that local header and directory entry share: method, time, date, CRC-32, compressed and uncompressed size
         fields = (_DEFLATED, date & 0xFFFF, date >> 16, zlib.crc32(content), len(packed), len(content))
         entries += _ENTRY.pack(b"PK\1\2", _UNIX, _VERSION, 0, *fields, len(raw), 0, 0, 0, 0, _MODE, len(rebuilt)) + raw
         rebuilt += _LOCAL.pack(b"PK\3\4", _VERSION, 0, *fields, len(raw), 0) + raw + packed
-    # disk 0 of 0, entries of this disk and of all, size and place of the directory, no comment
+    # disk 0 of 0, entries of this disk and of all, size and offset of the directory, no comment
     end = _END.pack(b"PK\5\6", 0, 0, len(members), len(members), len(entries), len(rebuilt), 0)
     if names != list(expected):
         yield "its files stand in another order than the writer's"
@@ -69,12 +69,12 @@ def zip_problems(data: bytes, expected: Mapping[str, bytes]) -> Iterator[str]:
 
 
 def _members(data: bytes, count: int) -> tuple[list[tuple[str, bytes, int]], int]:
-    """Name, compressed bytes and date of each member that the directory at the end lists, and where it begins.
+    """Name, compressed bytes and date of each member in the central directory, and the directory's offset.
 
-    At most a few more than `count` are read: a zip of more is none of this tool's.
+    At most a few more than `count` are read, as a zip with more is not this tool's.
     """
     size = len(data)
-    # a comment of up to 65,535 bytes may stand behind the end's record: the last mark within reach counts, as for readers
+    # a comment of up to 65,535 bytes may follow the end record, so the last signature within that range counts, as for readers
     start = data.rfind(b"PK\5\6", max(0, size - _END.size - 65_535))
     if start < 0:
         raise ValueError("its end is missing")
@@ -95,10 +95,10 @@ def _members(data: bytes, count: int) -> tuple[list[tuple[str, bytes, int]], int
 
 
 def _unpacked(packed: bytes, size: int) -> bytes | None:
-    """The content of a deflated member; None if it is longer than `size`, broken, or followed by more."""
+    """The content of a deflated member; None if it is longer than `size`, damaged, or followed by more bytes."""
     inflater = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
-        # one byte more than it should be tells a longer one, without unpacking all of it
+        # one more byte shows that it is too long, without decompressing all of it
         content = inflater.decompress(packed, size + 1)
     except zlib.error:
         return None

@@ -34,15 +34,15 @@ _FORCED_CHECKS = {
     "opening-legend": "legend-top to openings",
     "anchor-opening": "anchors to openings",
 }
-"""Name of the verification line that checks the same limit as a design rule."""
+"""Name of the check that concerns the same limit as a design rule."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmRecord:
-    """Optional features of a film as its manifest records them.
+    """The manifest's record of optional features of a film.
 
-    ``backings`` maps the roles of laminated backings to material and thickness; ``forced`` holds the rules in spite
-    of which it was made.
+    ``backings`` maps the roles of laminated backings to material and thickness; ``forced`` has the broken rules in
+    spite of which it was made.
     """
 
     mode: str
@@ -55,10 +55,10 @@ class FilmRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmManifest:
-    """Film and assembly as the manifest of a kit or a panel records them.
+    """Film and assembly as recorded in the manifest of a kit or a panel.
 
-    ``paths`` are those of fabrication files by role as the fab's profile has them, or, of one of the user's, as most fabs do;
-    ``stencil_mm`` is the profile's stencil, None of the user's own.
+    ``paths`` are those of fabrication files by role, by the fab's profile or, for a profile of the user's, by the generic one;
+    ``stencil_mm`` is the thickness of the profile's stencil, None for a profile of the user's.
     """
 
     lands: Recorded
@@ -75,7 +75,7 @@ class FilmManifest:
 
 
 def read_film_record(table: Fields) -> FilmRecord:
-    """Read them from a manifest; problems are collected in `table`."""
+    """Read the optional features from a manifest; problems are collected in `table`."""
     fab = table.table("fab")
     backings = {}
     for key in ("stiffener", "adhesive"):
@@ -101,7 +101,7 @@ def _anchor(table: Fields) -> AnchorPlan:
 
 
 def pardoned(checks: list[Check], record: FilmRecord) -> list[Check]:
-    """The checks, with failures of rules that were forced turned into warnings."""
+    """The checks, with failures of forced rules changed to warnings."""
     names = {_FORCED_CHECKS[rule]: rule for rule in record.forced if rule in _FORCED_CHECKS}
     return [
         replace(c, warning=True, message=f"{c.message}; made in spite of rule {names[c.name]}")
@@ -115,7 +115,7 @@ def pardoned(checks: list[Check], record: FilmRecord) -> list[Check]:
 
 
 def check_anchors(copper: GerberContent, coverlay: GerberContent, plan: AnchorPlan, pads: LandPattern, tape: Tape) -> list[Check]:
-    """Check that the copper's lines are these parts' anchors, clear of other pads' openings, the outline and holes."""
+    """Check that the copper's lines are the anchors of these parts, clear of other parts' openings, outline and holes."""
     expected = build_anchors(plan, tape, pads)
     found = segments(copper.strokes_mm).reshape(-1, 2, 2)
     problems = []
@@ -138,7 +138,7 @@ def without_counterpart(lines_mm: FloatArray, others_mm: FloatArray) -> FloatArr
     """Lines without an equal among `others`, in either direction; all of shape (n, 2, 2), mm."""
     if len(lines_mm) == 0 or len(others_mm) == 0:
         return lines_mm
-    # each line in both directions, found by its middle, which both have in common
+    # each line in both directions, looked up by its middle, which they share
     both = np.concatenate([others_mm, others_mm[:, ::-1]])
     tree = shapely.STRtree(shapely.points(both.mean(axis=1)))
     line, other = tree.query(shapely.points(lines_mm.mean(axis=1)), predicate="dwithin", distance=TOLERANCE_MM)
@@ -156,7 +156,7 @@ def _clear_of_openings(anchors: Anchors, coverlay: GerberContent, plan: AnchorPl
     boxes = np.array(
         [shapely.Polygon(outlines[i] + xy) for i, xy in zip(coverlay.flash_aperture, coverlay.flash_xy_mm, strict=True)]
     )
-    # a line in another pad's opening would be bare copper there, and take up its solder
+    # a line in another part's opening would be bare copper, and draw off its solder
     gap_mm, _ = nearest_foreign(anchors, boxes)
     passed = gap_mm >= plan.opening_mm - _EDGE_TOLERANCE_MM
     message = f"{gap_mm:.3f} mm from openings of other pads" + ("" if passed else f", less than {plan.opening_mm:g} mm")
@@ -165,7 +165,7 @@ def _clear_of_openings(anchors: Anchors, coverlay: GerberContent, plan: AnchorPl
 
 def _clear_of_outline(lines_mm: FloatArray, plan: AnchorPlan, tape: Tape) -> Check:
     board = tape.board
-    # ends of a line are its nearest points to a convex outline; half its width is copper too
+    # the nearest point to a convex outline is an end of the line; the copper extends half the width beyond
     edge = float(inset_mm(lines_mm, board.size_mm, board.corner_radius_mm).min()) - plan.web_mm / 2
     drawn = shapely.linestrings(lines_mm)
     holes = [float(shapely.distance(drawn, shapely.Point(x, y)).min()) - (d + plan.web_mm) / 2 for x, y, d in board.holes]
@@ -179,7 +179,7 @@ def _clear_of_outline(lines_mm: FloatArray, plan: AnchorPlan, tape: Tape) -> Che
 
 
 def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRecord, tape: Tape, cpl: CplContent) -> list[Check]:
-    """Check that one opening contains every part's, with the size of the manifest's tape and a frame of coverlay round it."""
+    """Check that one opening contains those of all parts, has the right size, and leaves a frame of coverlay around it."""
     name = "coverlay-top window"
     if len(coverlay.areas_mm) != 1 or len(coverlay.flash_xy_mm) or len(coverlay.strokes_mm) or coverlay.clear:
         return [Check(name=name, passed=False, message="other objects than one window")]
@@ -192,7 +192,7 @@ def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRe
     message = f"{'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the window that these parts ask for"
     checks = [Check(name=name, passed=passed, message=message, figure=error_mm * 1000, unit="um")]
     boxes = shapely.polygons(cpl.xy_mm[:, None] + opening_mm) if len(cpl.xy_mm) else np.empty(0)
-    # wider by the tolerance, as an opening on the window's own edge must not fail by rounding
+    # wider by the tolerance, so that an opening on the window's edge does not fail by rounding
     covered = ~shapely.covers(window.buffer(TOLERANCE_MM), boxes)
     message = f"{int(covered.sum())} parts of the CPL are partly covered" if covered.any() else "every part of the CPL lies in it"
     checks.append(Check(name="coverlay-top parts", passed=not covered.any(), message=message, figure=float(covered.sum())))
@@ -206,12 +206,12 @@ def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRe
 
 
 def file_function(role: str, backing: str) -> str:
-    """File function that the attributes of a backing's file must give."""
+    """File function that the attributes of a backing's file must state."""
     return f"Other,{role.split('-', maxsplit=1)[0].capitalize()}_Bottom_{material_words(backing)}"
 
 
 def check_backing(role: str, content: GerberContent, path: str, backing: str, outline_mm: FloatArray) -> Check:
-    """Check that a backing is one area as large as the outline, in a file whose name gives material and thickness."""
+    """Check that a backing is one area equal to the outline, in a file whose name contains material and thickness."""
     problems = []
     if len(content.areas_mm) != 1 or len(content.flash_xy_mm) or len(content.strokes_mm) or content.clear:
         problems.append("other objects than one area")
@@ -222,7 +222,7 @@ def check_backing(role: str, content: GerberContent, path: str, backing: str, ou
             problems.append("its area crosses itself")
         if error_mm > TOLERANCE_MM:
             problems.append(f"it leaves the outline by {error_mm:.3f} mm")
-    # no Gerber layer says material and thickness: its name is what the fab has of them
+    # a Gerber layer does not contain material and thickness, which the fab has only from its name
     if material_words(backing) not in path:
         problems.append(f"its name {path.rsplit('/', 1)[-1]} does not say {material_words(backing)}")
     message = "; ".join(problems) or f"{backing} mm, as large as the board"

@@ -1,4 +1,4 @@
-"""Check of the Gerber job file: every value is the one that the manifest's fab, board and files ask for."""
+"""Check of the Gerber job file: every value is that of the manifest's fab, board and files."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _FREE = {
     ("GeneralSpecs", "ProjectId", "GUID"): r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}",
     ("GeneralSpecs", "ProjectId", "Revision"): r"[0-9A-Za-z.+-]{1,40}",
 }
-"""Values that depend on when and by which version a kit was made, and their form."""
+"""Values that depend on date and version, with the pattern of each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FabOrder(Material):
-    """The film's materials by a manifest."""
+    """The film's materials, from a manifest."""
 
     flexible: bool
     mask: str
@@ -46,7 +46,7 @@ class FabOrder(Material):
 
 
 def known_fab(fab: Fields) -> FabProfile | None:
-    """The profile of this package that a manifest names, for kits whose manifests record less; None for a user's own."""
+    """The profile of this package that a manifest names, for older manifests that record less; None for a user's own."""
     name = fab.values.get("name")
     if not isinstance(name, str) or name not in profile_names("fabs"):
         return None
@@ -57,7 +57,7 @@ def known_fab(fab: Fields) -> FabProfile | None:
 
 
 def read_fab_order(table: Fields) -> FabOrder | None:
-    """Read it from a manifest; None where it has no record and names a profile of the user. Problems are collected in `table`."""
+    """Read the materials from a manifest; None if it has no record and names a user's own profile. Problems go to `table`."""
     fab = table.table("fab")
     profile = known_fab(fab) if "material" not in fab.values else None
     if "material" not in fab.values and profile is None:
@@ -82,7 +82,7 @@ def read_fab_order(table: Fields) -> FabOrder | None:
 
 
 def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, files: Mapping[str, WrittenFile]) -> Check:
-    """Check that the job file is JSON, and says what the manifest does: project, size, layers, thickness, materials, files."""
+    """Check that the job file is JSON with the manifest's project, size, layers, thickness, materials and files."""
     try:
         job = parse_json(files["job"].data)
         given = job["GeneralSpecs"]["Size"]
@@ -97,7 +97,7 @@ def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, f
     if written_mm != size_mm:
         problems.append(f"its board is {written_mm[0]:g} x {written_mm[1]:g} mm")
     if not problems and order is not None:
-        # compared whole, so that nothing can be added: an unknown key is a difference
+        # compared as a whole, so that an added key is a difference
         wrong = difference(_free_taken_out(job), _expected(name, size_mm, order, expected, has_legend="legend-top" in files))
         problems += [] if wrong is None else [wrong]
     right = f"names the {len(expected)} layers and the board's size" + ("" if order is None else ", stackup and finish")
@@ -105,7 +105,7 @@ def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, f
 
 
 def _free_taken_out(job: dict[str, Any]) -> dict[str, Any]:
-    """A copy without the values that may be any of their form; one of another form stays, and differs."""
+    """A copy without the free values that match their pattern; others remain, and are differences."""
     copy: dict[str, Any] = json.loads(json.dumps(job))
     for (*parents, last), form in _FREE.items():
         place: Any = copy

@@ -1,4 +1,4 @@
-"""Checks of the KiCad board against the manifest: footprints, their lands, outline, holes, tracks, and nothing else."""
+"""Checks that the KiCad board has the manifest's footprints, lands, outline, holes and tracks, and nothing else."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ _DRAWN_ON = {
     "fp_text": ("F.Fab",),
     "fp_rect": ("F.Fab", "F.CrtYd", "F.Mask"),
 }
-"""Layers on which something of each kind may be drawn."""
+"""Layers on which each kind of item may be drawn."""
 _OF_A_FOOTPRINT = ("layer", "at", "descr", "attr", "fp_text", "fp_rect", "pad")
 _OF_A_LAND = ("at", "size", "layers", "roundrect_rratio")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shown:
-    """Expected content of a board, in the board frame.
+    """Expected content of a board, in the board frame, mm.
 
     parts_xy_mm (n, 2): Parts R1 ... Rn.
     rotation_deg (n,); holes (x, y, diameter)
-    edge_lines: Lines and arcs of the outline and of what is cut out of it.
-    fiducials_mm (x, y); fiducial_mm: Diameters of their copper and of its opening.
-    tracks_mm (k, 2, 2): Ends of the anchors' lines, all as wide as ``track_width_mm``.
+    edge_lines: Number of lines and arcs of outline and slots.
+    fiducials_mm (x, y); fiducial_mm: Diameters of their copper and of its mask opening.
+    tracks_mm (k, 2, 2): End points of the anchors' lines, of width ``track_width_mm``.
     """
 
     parts_xy_mm: FloatArray
@@ -63,7 +63,7 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Board:
-    """The s-expression lists of a board by kind, its lower-left corner on the sheet, and its footprints' places, mm."""
+    """The s-expression lists of a board by kind, its lower-left corner on the sheet, and the footprints' places, mm."""
 
     lists: dict[str, list[Tree]]
     origin_mm: tuple[float, float]
@@ -72,7 +72,7 @@ class _Board:
 
 
 def sides_of(size_mm: tuple[float, float], corner_radius_mm: float) -> int:
-    """Lines and arcs of an outline: four corners, and the sides that they leave."""
+    """Number of lines and arcs of an outline: four corners, and the sides that are left."""
     return 4 * (corner_radius_mm > 0) + 2 * sum(side_mm - 2 * corner_radius_mm > 1e-6 for side_mm in size_mm)
 
 
@@ -90,7 +90,7 @@ def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Show
 
 
 def check_kicad(files: Mapping[str, WrittenFile], shown: Shown, made: Made) -> list[Check]:
-    """Check that the board shows what manifest and layers say and nothing else, and that its project has the fab's rules."""
+    """Check that the board shows exactly the content of manifest and layers, and that its project has the fab's rules."""
     try:
         with collection_paused():
             found = _read_board(read_s_expression(files["kicad-pcb"].data, _IDENTIFIERS))
@@ -132,7 +132,7 @@ def _read_board(tree: Tree) -> _Board:
         children = [child for child in footprint if isinstance(child, tuple)]
         (name,) = (str(child[2]) for child in children if child[:2] == ("fp_text", "reference"))
         x_mm, y_mm, *turn_deg = values(children, "at")
-        # y of a sheet goes down; the auxiliary origin is the board's lower left corner. Angles are counter-clockwise in both
+        # y of a sheet points down; the auxiliary origin is the board's lower left corner. Angles are counter-clockwise in both
         at[name] = (x_mm - x0_mm, y0_mm - y_mm, turn_deg[0] if turn_deg else 0.0)
         pads[name] = [child for child in children if child[0] == "pad"]
     return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, pads=pads)
@@ -166,11 +166,11 @@ def _places(found: _Board, shown: Shown) -> list[str]:
 
 def _lands(found: _Board, shown: Shown, lands: Recorded) -> list[str]:
     """Check that every part has the four lands of the manifest's land pattern, and no other pad."""
-    alike: dict[tuple[float, ...], list[str]] = {}  # equal lists are one object, so that comparing identities is enough and fast
+    alike: dict[tuple[float, ...], list[str]] = {}  # equal lists are one object, so identities can be compared
     turned = dict(zip(shown.designators(), shown.rotation_deg.tolist(), strict=True))
     for name, pads in found.pads.items():
         if _is_part(name):
-            # one footprint of each kind is looked at: thousands have the same objects
+            # only one footprint of each kind is checked, as thousands have the same objects
             alike.setdefault((turned.get(name, 0.0), *map(id, pads)), []).append(name)
     wrong: dict[str, list[str]] = {}
     for (rotation_deg, *_), names in alike.items():
@@ -188,7 +188,7 @@ def _pads_problems(pads: Sequence[Tree], lands: Recorded, rotation_deg: float) -
     problems = []
     for what, number, layer, land, k in expected:
         same = [pad for pad in pads if pad[1] == number and child(pad, "layers")[1:] == (layer,)]
-        # pad 1 is at -x of the unturned part, pad 2 at +x; stencil apertures have no number, and are told by the side alone
+        # pad 1 is at -x of the unrotated part, pad 2 at +x; stencil apertures have no number, and are identified by the side
         here = [pad for pad in same if (values(pad, "at")[0] > 0) == (k == 1)]
         if len(here) != 1:
             problems.append(f"{what} is there {len(here)} times")
@@ -201,10 +201,10 @@ def _is_land(pad: Tree, land: LandPattern, k: int, rotation_deg: float) -> bool:
     kinds = [child[0] for child in pad[4:] if isinstance(child, tuple)]
     (x_mm, y_mm, *turn_deg), (length_mm, width_mm) = values(pad, "at"), values(pad, "size")
     ratio = values(pad, "roundrect_rratio")[0] if "roundrect_rratio" in kinds else 0.0
-    # KiCad gives a rounded pad's radius as a share of its shorter side
+    # KiCad gives a rounded pad's radius as a fraction of its shorter side
     radius_mm = ratio * min(length_mm, width_mm)
     wanted = (land.offset_mm if k else -land.offset_mm, 0.0, *land.size_mm, land.corner_radius_mm)
-    # a pad's angle is the board's, not the footprint's, though its place is in the footprint's frame
+    # a pad's angle is relative to the board, its place relative to the footprint
     turned = abs(((turn_deg[0] if turn_deg else 0.0) - rotation_deg + 180.0) % 360.0 - 180.0)
     return bool(
         pad[2:4] in (("smd", "roundrect"), ("smd", "rect"))
@@ -223,7 +223,7 @@ def _outline(found: _Board, shown: Shown) -> list[str]:
     points = np.array([values(item, end) for item in lines for end in ends if end != "mid" or item[0] == "gr_arc"])
     box_mm = np.concatenate([points.min(axis=0), points.max(axis=0)]) - np.tile(found.origin_mm, 2)
     width_mm, height_mm = shown.size_mm
-    # about the origin, on the sheet: the board lies above it, at negative y
+    # relative to the origin on the sheet, the board is above, at negative y
     wrong = np.abs(box_mm - (0.0, -height_mm, width_mm, 0.0)).max() > PLACE_TOLERANCE_MM
     return [f"its outline is {box_mm[2] - box_mm[0]:g} x {box_mm[3] - box_mm[1]:g} mm about another place"] if wrong else []
 
@@ -261,7 +261,7 @@ def _is_mark(pad: Tree, copper_mm: float, opening_mm: float) -> bool:
 
 
 def _tracks(found: _Board, shown: Shown) -> list[str]:
-    """Check the copper other than pads: the anchors' lines, each once."""
+    """Check the copper other than pads: each anchor line once."""
     tracks = found.lists.get("segment", [])
     ends = np.array([(values(track, "start"), values(track, "end")) for track in tracks]).reshape(-1, 2, 2)
     lines_mm = (ends - found.origin_mm) * (1.0, -1.0)
@@ -274,7 +274,7 @@ def _tracks(found: _Board, shown: Shown) -> list[str]:
 
 
 def _unexpected(found: _Board) -> list[str]:
-    """Check that the board has no zones, vias, lines on copper or footprints on the underside: this tool never makes them."""
+    """Check that the board has no zones, vias, graphics on copper or footprints on the underside, which this tool never makes."""
     strange: Counter[str] = Counter()
     for kind, items in found.lists.items():
         if kind in _DRAWN_ON:
@@ -292,7 +292,7 @@ def _unexpected(found: _Board) -> list[str]:
 
 
 def _strange_child(item: str | Tree) -> str | None:
-    """Description of the items that a footprint should not hold."""
+    """Description of an item that a footprint must not contain; None for others."""
     if isinstance(item, str) or item[0] not in _OF_A_FOOTPRINT:
         return str(item if isinstance(item, str) else item[0])
     layer = layer_of(item) if item[0] in _DRAWN_ON else str(item[1]) if item[0] == "layer" else None

@@ -1,4 +1,4 @@
-"""Checks of a KiCad board beside places and copper: openings and ink as the Gerber files have them, outline, settings, rules."""
+"""Checks of a KiCad board other than places and copper: openings, ink and outline against the Gerber files, settings, rules."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tactape_fab.verify.layers.written_form import same_contours, segments
 
 At = tuple[float, float, float]
 _ARC_TOLERANCE_MM = 0.01
-"""Of a corner's middle from the chords of the outline that gerbonara reads."""
+"""Tolerance of a corner's middle from the chords of the outline layer."""
 _RULES = {
     "min_clearance": "pad-pad",
     "min_copper_edge_clearance": "pad-edge",
@@ -32,22 +32,22 @@ _RULES = {
     "min_hole_to_hole": "hole-hole",
     "min_through_hole_diameter": "hole-size",
 }
-"""Design rules of the project, and the fab's limits that they are."""
+"""Design rules of the project, and the fab's limit of each."""
 _SEVERITIES: tuple[dict[str, str], ...] = ({}, {"track_dangling": "ignore"})
 _PLOTTED = {"F.Paste", "F.SilkS", "F.Mask", "Edge.Cuts"}
 _NOT_PLACED = ("exclude_from_pos_files", "exclude_from_bom")
 _ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
-"""By the first letter of a footprint's name: part, hole, fiducial."""
+"""Attributes of a footprint by the first letter of its name: part, hole, fiducial."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Made:
-    """Things a board and drawings show besides places, by the manifest and the kit's other files.
+    """Expected content of a board and of drawings other than places, from the manifest and the kit's other files.
 
-    tape: The only one, or the first of a panel.
+    tape: The only tape, or the first one of a panel.
     gerbers: Layers by role.
-    radius_mm: Of the outline's corners.
-    slots_mm: What is cut out round the tapes of a panel.
+    radius_mm: Radius of the outline's corners.
+    slots_mm: Slots around the tapes of a panel.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Made:
 def drawn_problems(
     lists: Mapping[str, Sequence[Tree]], at: Mapping[str, At], origin_mm: FloatArray, fiducials_mm: FloatArray, made: Made
 ) -> list[str]:
-    """Faults of what the lists of a board draw and state; `at` are its footprints' places, board frame."""
+    """Problems of graphics and settings of a board; `at` has the footprints' places in the board frame."""
     silk = [item for kind in ("gr_line", "gr_poly") for item in lists.get(kind, []) if layer_of(item) == "F.SilkS"]
     return [
         *_settings(lists, made),
@@ -74,12 +74,12 @@ def drawn_problems(
 
 
 def rules_problems(project: bytes, limits_mm: Mapping[str, Any], track_width_mm: float) -> list[str]:
-    """Faults of a project's design rules; lines are as wide as anchors', or without any (0) as the fab's least spacing."""
+    """Problems of a project's design rules; the track width is that of anchors, or without any (0) the fab's least spacing."""
     try:
         content = parse_json(project)
         settings, (net_class,) = content["board"]["design_settings"], content["net_settings"]["classes"]
         rules, severities = dict(settings["rules"]), settings["rule_severities"]
-        # KiCad takes the larger of the board's clearance and that of the net's class
+        # KiCad uses the larger one of the board's clearance and the net class's
         rules |= {"clearance of its class": net_class["clearance"], "track width of its class": net_class["track_width"]}
         found = {key: float(value) for key, value in rules.items()}
     except (ValueError, KeyError, TypeError):
@@ -103,7 +103,7 @@ def child(tree: Sequence[str | Tree], name: str) -> Tree:
 def values(tree: Sequence[str | Tree], name: str) -> list[float]:
     """The finite numbers of the one list of this name in a list."""
     numbers = [float(word) for word in child(tree, name)[1:] if isinstance(word, str)]
-    if not all(map(isfinite, numbers)):  # numpy takes longer over so few
+    if not all(map(isfinite, numbers)):  # faster than numpy for so few
         raise ReadbackError(f"{name} is not finite")
     return numbers
 
@@ -125,7 +125,7 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
     copper = sorted(str(row[1]) for row in layers[1:] if row[2:3] != ("user",))
     if copper != ["B.Cu", "F.Cu"] or any(row[2] != "signal" for row in layers[1:] if row[1] in copper):
         problems.append("its copper layers are not F.Cu and B.Cu")
-    # KiCad moves what is drawn on a layer that its table lacks to that of comments, which nobody plots
+    # KiCad moves graphics of a layer that is not in its table to the comments layer, which is not plotted
     if lacking := sorted(_PLOTTED - {str(row[1]) for row in layers[1:]}):
         problems.append(f"its table of layers lacks {named(lacking)}")
     plain = [item[0] for item in setup[1:]] == ["pad_to_mask_clearance", "aux_axis_origin", "grid_origin"]
@@ -142,7 +142,7 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
 
 
 def _footprints(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
-    """Check names, values and attributes of footprints, and the bodies that they draw; equal lists are one object."""
+    """Check names, values, attributes and body graphics of footprints; equal lists are one object."""
     known: dict[tuple[object, ...], str | None] = {}
     wrong: dict[str, int] = {}
     for footprint in lists.get("footprint", []):
@@ -164,7 +164,7 @@ def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) 
         return "other attributes"
     if kind == "H":
         (pad,) = (item for item in inner if item[0] == "pad")
-        # an unplated hole is a pad as large as its drill: no copper is left of it
+        # an unplated hole is a pad as large as its drill, so that no copper remains
         right = child(pad, "layers")[1:] == ("*.Cu", "*.Mask") and values(pad, "size") == values(pad, "drill") * 2
         return None if right else "another pad"
     if kind != "R":
@@ -186,7 +186,7 @@ def _openings(
     fiducials_mm: FloatArray,
     coverlay: GerberShapes | None,
 ) -> list[str]:
-    """Check that what is drawn on the mask are the openings of the coverlay layer; equal rectangles are one object."""
+    """Check that the mask graphics are the openings of the coverlay layer; equal rectangles are one object."""
     if coverlay is None:
         return []
     polygons = [_polygon(item, origin_mm) for item in lists.get("gr_poly", []) if layer_of(item) == "F.Mask"]
@@ -199,7 +199,7 @@ def _openings(
     for item, places in placed.values():
         _refuse_hollow(item)
         (x0, y0), (x1, y1) = values(item, "start"), values(item, "end")
-        # y turned up before the turn, whose sense is the board's
+        # y is flipped before the rotation, which is counter-clockwise on the board
         local, rows = np.array([(x0, -y0), (x1, -y0), (x1, -y1), (x0, -y1)]), np.array(places)
         for turn_deg in np.unique(rows[:, 2]).tolist():
             xy = rows[rows[:, 2] == turn_deg, :2]
@@ -207,7 +207,7 @@ def _openings(
             count += len(xy)
     kept = np.ones(len(coverlay.flash_xy_mm), dtype=bool)
     if len(fiducials_mm):
-        # a fiducial's opening is its pad's own mask, no rectangle that is drawn
+        # a fiducial's opening is the mask margin of its pad, not a rectangle
         kept = nearest(coverlay.flash_xy_mm, point_tree(fiducials_mm))[1] > PLACE_TOLERANCE_MM
     flashes, aperture, wanted = coverlay.flash_xy_mm[kept], coverlay.flash_aperture[kept], list[FloatArray]()
     for k, outline in enumerate(coverlay.aperture_outlines_mm):
@@ -220,7 +220,7 @@ def _openings(
 
 
 def _ink(silk: Sequence[Tree], origin_mm: FloatArray, legend: GerberShapes | None) -> list[str]:
-    """Check that ink is the legend layer's: areas by their corners, lines by their ends and width."""
+    """Check that the ink is that of the legend layer: areas by their corners, lines by their ends and width."""
     areas, strokes = ((), ()) if legend is None else (legend.areas_mm, legend.strokes_mm)
     polygons = [_polygon(item, origin_mm) for item in silk if item[0] == "gr_poly"]
     lines = [item for item in silk if item[0] == "gr_line"]
@@ -239,7 +239,7 @@ def _ink(silk: Sequence[Tree], origin_mm: FloatArray, legend: GerberShapes | Non
 
 
 def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile: GerberShapes | None) -> list[str]:
-    """Check that sides and corners, with their middles, follow the outline layer, one after the other."""
+    """Check that sides and corners, with their middles, are on the outline layer and form a closed outline."""
     if profile is None or not profile.strokes_mm:
         return []
     sides = [item for kind in ("gr_line", "gr_arc") for item in lists.get(kind, []) if layer_of(item) == "Edge.Cuts"]
@@ -250,7 +250,7 @@ def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile
     cut = shapely.MultiLineString([stroke for stroke in profile.strokes_mm if len(stroke) > 1])
     points = (np.concatenate([ends, middles]) - origin_mm) * (1.0, -1.0)
     far_mm = shapely.distance(shapely.points(points), cut)
-    # every corner ends one side and begins another: the outline is closed
+    # in a closed outline every end point occurs twice
     _, often = np.unique(np.round(ends, 4), axis=0, return_counts=True)
     near = (far_mm[: len(ends)] <= PLACE_TOLERANCE_MM).all() and (far_mm <= _ARC_TOLERANCE_MM).all()
     return [] if near and (often == 2).all() else ["its outline is not that of the outline layer"]
@@ -272,5 +272,5 @@ def _refuse_hollow(item: Tree) -> None:
 
 
 def _points_apart_mm(shapes: Sequence[FloatArray], others: Sequence[FloatArray]) -> float:
-    """Largest distance of a corner from the nearest of the others', either way."""
+    """Largest distance of a vertex from the nearest vertex of the other shapes, in both directions."""
     return apart_mm(*(np.concatenate([np.empty((0, 2)), *some]) for some in (shapes, others)))

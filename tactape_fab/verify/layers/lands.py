@@ -1,4 +1,4 @@
-"""Checks of pads, paste and coverlay openings against manifest and CPL: counts, places, rotations, shapes, areas, names."""
+"""Checks of pads, paste and coverlay openings against manifest and CPL: number, place, rotation, shape, area, name."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PARTNER_TOLERANCE_MM = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
-    """Lands, openings and edge limits as the manifest records them."""
+    """The manifest's record of lands, openings and edge limits."""
 
     pads: LandPattern
     paste: LandPattern
@@ -52,8 +52,8 @@ def read_recorded(table: Fields) -> Recorded:
 
 
 def nearest(points_mm: FloatArray, tree: shapely.STRtree) -> tuple[IntArray, FloatArray]:
-    """Index of, and distance to, the nearest point of a tree for every point; shapes (n,)."""
-    # of several points as near one; sorted, so that nothing rests on the order of the pairs
+    """Index and distance of the nearest point in a tree, for every point; shapes (n,)."""
+    # one of several equally near points; sorted, as the order of the pairs is not guaranteed
     (asked, found), distance = tree.query_nearest(shapely.points(points_mm), return_distance=True, all_matches=False)
     order = np.argsort(asked, kind="stable")
     return found[order].astype(np.int64), distance[order]
@@ -65,28 +65,28 @@ def point_tree(xy_mm: FloatArray) -> shapely.STRtree:
 
 
 def apart_mm(points: FloatArray, others: FloatArray) -> float:
-    """Largest distance of a point from the nearest of the others, either way; a third column is compared there."""
+    """Largest distance of a point from the nearest one of the other set, in both directions; a third column is compared too."""
     if not len(points) or not len(others):
         return 0.0 if len(points) == len(others) else np.inf
     far = 0.0
     for these, those in ((points, others), (others, points)):
         index, distance = nearest(these[:, :2], point_tree(those[:, :2]))
-        # both ways, as one set may hold a point twice and lack another
+        # in both directions, as one set may have a point twice and lack another
         far = max(far, float(distance.max()), float(np.abs(these[:, 2:] - those[index, 2:]).max(initial=0.0)))
     return far
 
 
 def outlines_apart_mm(drawn: Any, expected: Any) -> float:
-    """How far two polygons lie apart: the farthest of corners and middles of sides, or the mean by which their areas differ."""
-    # a slit has its corners on the other's sides, and a sliver along them has all of itself there
+    """Distance of two polygons: Hausdorff distance of corners and middles of sides, or the mean distance by area if larger."""
+    # a slit may have its corners on the other outline, and a sliver along a side all of its points
     sides_mm = shapely.hausdorff_distance(drawn.exterior, expected.exterior, densify=0.5)
     return max(float(sides_mm), float(abs(drawn.area - expected.area) / expected.length))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LandPairs:
-    """Pairs of lands: middles and vectors from land 1 to land 2, shape (p, 2), mm; the flashes that are land 1 and 2 of
-    each pair, shape (p,); and the flashes without a partner.
+    """Pairs of lands: middles, and vectors from land 1 to land 2, shape (p, 2), mm; indices of the flashes of land 1 and 2,
+    shape (p,); and the flashes without a partner.
     """
 
     centre_mm: FloatArray
@@ -100,12 +100,12 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
     """Find pairs of lands from flashes alone.
 
     xy_mm (m, 2)
-    offset_mm, rotation_deg: Half the distance of a pair, and its direction.
+    offset_mm, rotation_deg: Half the distance of the lands of a pair, and its direction.
     """
     if len(xy_mm) < 2:
         nothing, none = np.empty((0, 2)), np.empty(0, dtype=np.int64)
         return LandPairs(centre_mm=nothing, axis_mm=nothing, first=none, second=none, alone=np.arange(len(xy_mm)))
-    # land 2 is one step of twice the offset, along the part, from land 1
+    # land 2 is a step of twice the offset along the part from land 1
     first, second = _alternate(_following(xy_mm, rotate((2 * offset_mm, 0.0), rotation_deg)))
     used = np.zeros(len(xy_mm), dtype=bool)
     used[first], used[second] = True, True
@@ -119,9 +119,9 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
 
 
 def _following(xy_mm: FloatArray, step_mm: FloatArray) -> IntArray:
-    """Index of the flash nearest to one step from each flash, -1 if there is none or if another flash is nearer; shape (m,)."""
+    """Index of the flash one step from each flash, -1 if there is none or another flash is nearer to it; shape (m,)."""
     partner, distance = nearest(xy_mm + step_mm, point_tree(xy_mm))
-    # a flash that two others would step to goes to the one that comes nearest: unique keeps the first of equal partners
+    # if two flashes have the same partner, the nearer one gets it: unique keeps the first of equal partners
     by_distance = np.argsort(distance, kind="stable")
     by_distance = by_distance[distance[by_distance] < _PARTNER_TOLERANCE_MM]
     _, first = np.unique(partner[by_distance], return_index=True)
@@ -132,11 +132,11 @@ def _following(xy_mm: FloatArray, step_mm: FloatArray) -> IntArray:
 
 
 def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
-    """Split chains of flashes into pairs, from their starts: lands of neighbours may be as far apart as those of one part.
+    """Split chains of flashes into pairs from their starts, as lands of neighbouring parts may be as far apart as a pair.
 
-    ``following`` names the next flash of each, -1 at the end of a chain.
+    ``following`` is the next flash of each, -1 at the end of a chain.
     """
-    # a flash that none steps to begins a chain: 1-2 of one part, or 1-2-1-2 of neighbours that stand a pair's distance apart
+    # a flash that follows none begins a chain: 1-2 of one part, or 1-2-1-2 of neighbours that are a pair's distance apart
     heads = np.ones(len(following), dtype=bool)
     heads[following[following >= 0]] = False
     first, second = [], []
@@ -144,7 +144,7 @@ def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
     while len(now):
         first.append(now)
         second.append(following[now])
-        # the flash behind a land 2 is a neighbour's land 1, and begins a pair if another one follows
+        # the flash after a land 2 is a neighbour's land 1, and begins a pair if another one follows
         onward = following[second[-1]]
         now = onward[onward >= 0]
         now = now[following[now] >= 0]
@@ -163,9 +163,9 @@ def check_lands(
     *,
     lines: bool,
 ) -> list[Check]:
-    """Check that each part has two lands, centred at its CPL row, with direction and shape at the CPL's rotation.
+    """Check that each part has two lands, centred at its CPL place, with direction and shape at the CPL's rotation.
 
-    ``lines``: whether the layer may hold lines, which are checked elsewhere.
+    ``lines``: whether the layer may have lines, which are checked elsewhere.
     """
     count = len(content.flash_xy_mm)
     expected = 2 * tape.part_count
@@ -199,9 +199,9 @@ def check_lands(
 
 
 def _moved_lands(pairs: LandPairs, land: LandPattern, rotation_deg: float, distance: FloatArray, names: list[str]) -> list[str]:
-    """Problem of pairs within `distance` of their places whose lands moved to either side by as much."""
+    """Problem of pairs that are in place although their lands are moved in opposite directions."""
     moved_mm = np.hypot(*(pairs.axis_mm / 2 - rotate((land.offset_mm, 0.0), rotation_deg)).T)
-    # those of a pair that is off itself are not told again
+    # pairs that are out of place are reported already
     moved_mm[distance > PLACE_TOLERANCE_MM] = 0.0
     worst, count = int(np.argmax(moved_mm)), int((moved_mm > PLACE_TOLERANCE_MM).sum())
     return [f"lands of {count} parts are off, worst by {moved_mm[worst] * 1000:.1f} um at {names[worst]}"] if count else []
@@ -237,7 +237,7 @@ def _place_check(
 
 
 def _turn_deg(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angle between two directions of lines, 0 to 90 degrees."""
+    """Angle between two undirected lines, 0 to 90 degrees."""
     return np.abs((a - b + 90.0) % 180.0 - 90.0)
 
 
@@ -251,16 +251,16 @@ def _rotation_check(
     row: IntArray,
 ) -> Check:
     pair_deg = np.degrees(np.arctan2(axis[:, 1], axis[:, 0]))
-    # of lines, not of arrows: half a turn exchanges two equal lands
+    # undirected, as half a turn exchanges two equal lands
     turn = _turn_deg(pair_deg, rotation_deg)
     worst = int(np.argmax(turn))
     problems = []
-    # a pad moved by 1 um turns its pair by less than this
+    # pads that are off by the place tolerance rotate their pair by up to this angle
     if turn[worst] > ROTATION_TOLERANCE_DEG + np.degrees(PLACE_TOLERANCE_MM / land.offset_mm):
         problems.append(f"pads of {cpl.designators[row[worst]]} lie {turn[worst]:.2f} deg from the CPL's rotation")
     shape_deg = _outline_axis_deg(content.aperture_outlines_mm[0], land)
     if shape_deg is not None and len(rotation_deg):
-        # an aperture may be turned while its flashes stand right: readers draw rotated macros differently
+        # an aperture may be rotated although its flashes are in place, as readers draw rotated macros differently
         shape_turn = float(_turn_deg(np.array(shape_deg), rotation_deg).max())
         if shape_turn > ROTATION_TOLERANCE_DEG:
             problems.append(f"the pad itself is turned by {shape_turn:.2f} deg from the CPL's rotation")
@@ -274,7 +274,7 @@ def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
         return None
     box = shapely.minimum_rotated_rectangle(shapely.Polygon(outline))
     corners = np.array(box.exterior.coords)
-    # two sides that meet; the other two are parallel to them
+    # two adjacent sides; the others are parallel to them
     sides = np.diff(corners[:3], axis=0)
     lengths = np.hypot(*sides.T)
     along = sides[int(np.argmax(lengths) if land.size_mm[0] > land.size_mm[1] else np.argmin(lengths))]
@@ -282,9 +282,9 @@ def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
 
 
 def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray) -> Check:
-    """Check that every flashed outline is the manifest's, about its own origin."""
+    """Check that every flashed outline is that of the manifest, relative to its own origin."""
     drawn = [shapely.Polygon(outline) for outline in outlines]
-    # either outline's farthest point from the other: a missing rounding shows, which an area within 1 % may not
+    # Hausdorff distance, which shows a missing corner radius that changes the area by less than 1 %
     error_mm = max(outlines_apart_mm(polygon, shapely.Polygon(expected)) for polygon in drawn)
     passed, crossed = error_mm <= PLACE_TOLERANCE_MM, not all(polygon.is_valid for polygon in drawn)
     message = f"outline {'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the manifest's"
@@ -294,7 +294,7 @@ def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray
 
 
 def _names_check(name: str, content: GerberContent, pairs: LandPairs, designators: list[str]) -> Check:
-    """Check that pads 1 and 2 name the part of the CPL row at their place."""
+    """Check that pads 1 and 2 have the designator of the CPL row at their place."""
     wrong = [
         f"{content.flash_component[flash]}.{content.flash_pin[flash]} stands where {part}.{pin} is"
         for pin, flashes in (("1", pairs.first), ("2", pairs.second))
@@ -305,7 +305,7 @@ def _names_check(name: str, content: GerberContent, pairs: LandPairs, designator
 
 
 def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check:
-    # 1 % tolerates the chords of rounded corners: some 0.1 % of an 0201's pad at nine points a corner
+    # 1 % tolerates the chords of rounded corners: some 0.1 % of an 0201's pad with nine points per corner
     areas = np.array([area_mm2(outline) for outline in content.aperture_outlines_mm])
     area = float(areas[content.flash_aperture].sum())
     error = area / expected_mm2 - 1.0
@@ -315,7 +315,7 @@ def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check
 
 
 def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: CplContent, rows: shapely.STRtree) -> list[Check]:
-    """Check that each part has one coverlay opening, at its CPL row, round both pads with the fab's expansion."""
+    """Check that each part has one coverlay opening, at its CPL place, around both pads with the fab's expansion."""
     name = "coverlay-top"
     count = len(content.flash_xy_mm)
     problems = []
@@ -338,12 +338,12 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
 
 
 def opening_outline(recorded: Recorded, tape: Tape) -> FloatArray:
-    """Corners of a part's opening about its centre: the box round both pads plus the expansion, mm; shape (4, 2)."""
+    """Corners of a part's opening about its centre: the bounding box of both pads plus the expansion, mm; shape (4, 2)."""
     return placed_outline(opening_size_mm(recorded), 0.0, tape.part.rotation_deg)
 
 
 def between_lands_mm(recorded: Recorded) -> float:
-    """Gap between the two lands of a part: no spacing of the copper is larger."""
+    """Gap between the two lands of a part, mm, which bounds the copper spacing from above."""
     return 2 * recorded.pads.offset_mm - recorded.pads.size_mm[0]
 
 

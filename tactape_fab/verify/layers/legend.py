@@ -1,4 +1,4 @@
-"""Check of the printed tag: third-party AprilTag detectors read a picture of the written legend layer."""
+"""Check of the legend: its label, and its tag, which independent AprilTag detectors read in a picture of the written layer."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ _INK, _FILM = 235, 90
 _PRINT_TOLERANCE_MM = 1e-5
 _DARK_INK = 20
 _LEAST_APART = 0.05
-"""Least distance of two quadrilaterals, as a fraction of their outlines, of which OpenCV leaves out neither. By its own 0.125 a
-letter of the label may stand for the tag: one with cells of 0.63 to 0.95 mm was never found.
+"""OpenCV's least distance of two quadrilaterals, relative to their perimeter, below which it drops one. With its default of 0.125
+a letter of the label may replace the tag: one with cells of 0.63 to 0.95 mm was never found.
 """
 
 GrayImage = npt.NDArray[np.uint8]
 
 
 def legend_picture(legend: GerberContent, tag: Tag, *, legend_is_light: bool) -> GrayImage:
-    """Picture of ink on film round the tag: uint8 gray, row 0 at the top (board +y)."""
+    """Picture of the ink on the film around the tag: uint8 gray, row 0 at the top (board +y)."""
     import cv2
 
-    # drawn four times as fine and reduced by area: edges between pixels become grays, as a camera has them
+    # oversampled four times and reduced by area averaging, so that edges are gray as in a camera image
     px_per_mm = _OVERSAMPLING * _PX_PER_CELL / tag.cell_mm
     cells = CODE_CELLS + 2 + 2 * _MARGIN_CELLS
     half_mm = cells * tag.cell_mm / 2
     upper_left_mm = (tag.center_mm[0] - half_mm, tag.center_mm[1] + half_mm)
     side_px = cells * _PX_PER_CELL * _OVERSAMPLING
-    # dark film under light ink, or light film under dark ink: the tag's border must be darker than what is round it
+    # light ink on dark film or dark ink on light film: the tag's border must be darker than its surroundings
     image = np.full((side_px, side_px), _FILM if legend_is_light else 170, dtype=np.uint8)
     ink = _INK if legend_is_light else _DARK_INK
 
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
-        # sixteenths of a pixel in 32 bits; what is farther off is outside of the picture anyway
+        # clipped, as sixteenths of a pixel must fit in 32 bits; such points are outside the picture anyway
         inside = np.clip(board_to_picture(points_mm, upper_left_mm, px_per_mm), -1e6, 1e6)
         return np.rint(inside * 16).astype(np.int32)
 
@@ -67,7 +67,7 @@ def legend_picture(legend: GerberContent, tag: Tag, *, legend_is_light: bool) ->
 
 
 def read_legend_record(table: Fields) -> LegendSizes | None:
-    """Sizes of print as a manifest records them; None where it has no record and names a profile of the user.
+    """The legend's sizes from a manifest; None if it has no record and names a user's own profile.
 
     Problems are collected in `table`.
     """
@@ -82,14 +82,14 @@ def read_legend_record(table: Fields) -> LegendSizes | None:
 def inked_or_cut(
     legend: GerberContent | None, holes: Iterable[tuple[float, float, float]]
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Low and high corners of the boxes round all that a legend prints, and round each hole (x, y, diameter): taken places."""
+    """Low and high corners of the bounding boxes of all inked shapes, and of each hole (x, y, diameter)."""
     lines = () if legend is None else (*legend.areas_mm, *legend.strokes_mm)
     circles = ((np.array([x, y]), diameter / 2) for x, y, diameter in holes)
     return [*((line.min(axis=0), line.max(axis=0)) for line in lines), *((at - r, at + r) for at, r in circles)]
 
 
 def check_label(content: GerberContent, tape: Tape, sizes: LegendSizes | None, *, light: bool) -> Check:
-    """Check that the legend draws this tape's tag and label, stroke by stroke, and nothing else."""
+    """Check that the legend has exactly this tape's tag and label, stroke by stroke."""
     if sizes is None:
         message = "not compared: the manifest does not record the sizes of its fab profile's print"
         return Check(name="label", passed=False, warning=True, message=message)
@@ -98,7 +98,7 @@ def check_label(content: GerberContent, tape: Tape, sizes: LegendSizes | None, *
     found, right = segments(content.strokes_mm), segments(expected.strokes_mm)
     if len(content.flash_xy_mm):
         problems.append(f"{len(content.flash_xy_mm)} flashes, which no legend has")
-    # in the same order: the writer draws the same strokes from the same font
+    # in the same order, as the same strokes of the same font are drawn
     if found.shape != right.shape or (np.abs(found - right) > _PRINT_TOLERANCE_MM).any():
         problems.append(f"its {len(found)} lines are not the {len(right)} of this tape's label")
     if len(found) and np.abs(content.stroke_width_mm - expected.line_mm).max() > _PRINT_TOLERANCE_MM:
@@ -111,7 +111,7 @@ def check_label(content: GerberContent, tape: Tape, sizes: LegendSizes | None, *
 
 
 def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_pupil: bool) -> list[Check]:
-    """Detect the tag in the written legend layer, and check its id and corners (hence its orientation)."""
+    """Detect the tag in the written legend layer, and check its id and corners (and so its orientation)."""
     if tape.tag is None:
         return []
     if legend.clear:
@@ -133,20 +133,20 @@ def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_
 
 
 Reading = tuple[int, FloatArray]
-"""Id and the corners of the black border, (4, 2) px, from the lower left of the upright tag, counter-clockwise seen
-with y up."""
+"""Id, and corners of the black border in px, shape (4, 2), counter-clockwise (with y up) from the lower left of the upright
+tag."""
 
 
 def _read_opencv(image: GrayImage) -> list[Reading]:
     from cv2 import aruco
 
     parameters = aruco.DetectorParameters()
-    # whole pixels are a twelfth of a cell, nearly all of the tolerance
+    # a pixel is a twelfth of a cell, nearly all of the tolerance
     parameters.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
     parameters.minMarkerDistanceRate = _LEAST_APART
     detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(aruco.DICT_APRILTAG_36h11), parameters)
     corners, ids, _ = detector.detectMarkers(image)
-    # OpenCV's dictionary holds the tags turned by 180 degrees: its first corner is the upright tag's lower right
+    # OpenCV's tags are turned by 180 degrees, so its first corner is the upright tag's lower right one
     return [
         (int(i), np.asarray(c[0], dtype=np.float64)[[1, 0, 3, 2]])
         for i, c in zip([] if ids is None else ids.ravel(), corners, strict=True)
@@ -157,8 +157,8 @@ def _read_opencv(image: GrayImage) -> list[Reading]:
 def pupil_detector() -> Any:
     """The single pupil-apriltags detector of this process.
 
-    kornia-rs 0.2 has wheels for more machines and reads our legends, too, but gives corners in the picture's order, not in the
-    tag's: it cannot tell a turned tag from an upright one.
+    kornia-rs 0.2 has wheels for more machines and reads our legends as well, but orders corners by the picture, not by the
+    tag, so that a turned tag cannot be distinguished from an upright one.
 
     It is never destroyed: its destructor frees the tag family before the detector that still points to it, which
     corrupts the heap (pupil-apriltags 1.0.4).
@@ -185,10 +185,10 @@ def _judge(name: str, tag: Tag, readings: list[Reading]) -> Check:
         )
     side_px = (CODE_CELLS + 2 + 2 * _MARGIN_CELLS) * _PX_PER_CELL
     half = CODE_CELLS / 2 * _PX_PER_CELL
-    # pixel centres are whole numbers: the middle of n pixels is at (n - 1) / 2
+    # pixel centres are integers, so the middle of n pixels is at (n - 1) / 2
     centre = (side_px - 1) / 2
     upright = rotate([(-1, -1), (1, -1), (1, 1), (-1, 1)], tag.rotation_deg)
-    # y turned over, as rows of a picture go down
+    # y is flipped, as rows of a picture count downward
     expected = centre + half * board_to_texture(upright, (0.0, 0.0))
     error_cells = float(np.linalg.norm(corners_px - expected, axis=1).max() / _PX_PER_CELL)
     error_mm = error_cells * tag.cell_mm

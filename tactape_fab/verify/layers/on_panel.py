@@ -1,4 +1,4 @@
-"""Parts of a panel's files that belong to one tape, as if they were the tape's own files."""
+"""Extraction of one tape's content from a panel's files, in the form of the tape's own files."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnPanel:
-    """A kit's tape and its place."""
+    """A kit's tape and its place on the panel."""
 
     tape: Tape
     place: PlacedTape
 
     @property
     def first(self) -> int:
-        """Row of its first part among all parts of the panel."""
+        """Index of its first part among all parts of the panel."""
         return self.place.first_number - 1
 
     @property
@@ -38,16 +38,16 @@ class OnPanel:
         return self.place.rotation_deg != 0.0
 
     def turned_back(self, xy_mm: FloatArray) -> FloatArray:
-        """Vectors of the panel in the tape's board frame."""
-        # a tape lies as it is or turned by 90 deg counter-clockwise: back is (x, y) -> (y, -x)
+        """Vectors from the panel's frame in the tape's board frame."""
+        # a tape is unturned, or turned by 90 deg counter-clockwise, whose inverse is (x, y) -> (y, -x)
         return np.stack([xy_mm[..., 1], -xy_mm[..., 0]], axis=-1) if self.turned else xy_mm
 
     def on_board(self, xy_mm: FloatArray) -> FloatArray:
-        """Points of the panel in the tape's board frame."""
+        """Points from the panel's frame in the tape's board frame."""
         return self.turned_back(xy_mm - self.offset)
 
     def on_panel(self, xy_mm: FloatArray) -> FloatArray:
-        """Points of the tape's board on the panel."""
+        """Points from the tape's board frame in the panel's frame."""
         placed: FloatArray = np.stack([-xy_mm[..., 1], xy_mm[..., 0]], axis=-1) if self.turned else xy_mm
         return placed + self.offset
 
@@ -60,14 +60,14 @@ def inside(xy_mm: FloatArray, on: OnPanel) -> BoolArray:
 
 
 def whole(shapes: Sequence[FloatArray], on: OnPanel) -> list[int]:
-    """Indices of the shapes that lie on a tape's board."""
+    """Indices of the shapes that are entirely on a tape's board."""
     return [i for i, shape in enumerate(shapes) if inside(shape, on).all()]
 
 
 def of_tape(content: GerberContent, on: OnPanel) -> GerberContent:
-    """Content of a layer on one tape, in the tape's board frame and with its designators."""
+    """Content of a layer on one tape, in the tape's board frame and with the tape's designators."""
     keep = np.flatnonzero(inside(content.flash_xy_mm, on))
-    # apertures that this tape uses, numbered anew: one that is only another tape's is not its fault
+    # only the apertures that this tape uses, renumbered
     used, aperture = np.unique(content.flash_aperture[keep], return_inverse=True)
     strokes = whole(content.strokes_mm, on)
     return replace(
@@ -85,26 +85,26 @@ def of_tape(content: GerberContent, on: OnPanel) -> GerberContent:
 
 
 def _renumbered(name: str, on: OnPanel) -> str:
-    """The tape's own designator for a panel's designator."""
+    """The tape's designator for a designator of the panel."""
     return f"R{int(name[1:]) - on.first}" if name[:1] == "R" and name[1:].isdecimal() else name
 
 
 def part_data_of_tape(data: bytes, on: OnPanel) -> bytes:
-    """Attributes of the parts of one tape in the component layer: those in force when it begins, and those that it changes."""
+    """Attributes of one tape's parts in the component layer: those in force at its start, and those set within it."""
     start, end = (data.find(b"%%TO.C,R%d*%%" % number) for number in (on.first + 1, on.first + on.tape.part_count + 1))
-    # an attribute stays in force until it is set again or deleted, so that of a later tape only changes are written
+    # an attribute is in force until it is set again or deleted, so later tapes have only the changes
     standing = dict(PART_DATA.findall(data[: max(start, 0)]))
     before = b"".join(b"%%TO.C%s,%s*%%\n" % (name, _turned_back(name, value, on)) for name, value in standing.items())
-    until = len(data) if end < 0 else max(data.rfind(b"%TD.P*%", 0, end), start)  # what follows is said of the next tape
+    until = len(data) if end < 0 else max(data.rfind(b"%TD.P*%", 0, end), start)  # the rest concerns the next tape
     return before + data[max(start, 0) : until]
 
 
 def _turned_back(name: bytes, value: bytes, on: OnPanel) -> bytes:
-    """The tape's own rotation for a panel's."""
+    """The tape's rotation for a rotation on the panel; other attributes are unchanged."""
     if name != b"Rot" or not on.turned:
         return value
     own_deg = on.tape.part.rotation_deg
-    # six digits are written, and the turn may push the last one out: what the panel ought to say is compared as it is written
+    # compared as text, as six digits are written and adding the turn may round the last one
     if value == b"%g" % ((own_deg + on.place.rotation_deg) % 360.0):
         return b"%g" % own_deg
     return b"%g" % ((float(value) - on.place.rotation_deg) % 360.0) if re.fullmatch(rb"\d{1,3}(\.\d{1,6})?", value) else value

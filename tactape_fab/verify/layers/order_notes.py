@@ -1,4 +1,4 @@
-"""Check of the order notes: what somebody types into the fab's form by them is what the manifest says."""
+"""Check that the values in the order notes, which are typed into the fab's form, are those of the manifest."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ _FIELD = re.compile(rf"field of parts, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} 
 
 _ROW = re.compile(r"^   (\S(?:[^ \n]| (?! ))*) {2,}(\S[^\n]*)$", re.MULTILINE)
 _SPACING = ("least spacing of copper", "Min Track/Spacing")
-"""Rows with a length that the manifest does not have."""
+"""Rows with a length that the manifest does not contain."""
 _ROUNDED_MM = 6e-4
 _ALWAYS = 8
-"""Rows that every form has: the first ones of those that are expected, before those of the backings."""
+"""Number of rows that every form has: the first of the expected rows, before those of the backings."""
 _BACKINGS = ("stiffener", "adhesive")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ordered:
-    """Subject of order notes: a tape, or a panel, which may be printed only in its rails."""
+    """The ordered item: a tape, or a panel, on which the fab may print only in the rails."""
 
     name: str
     shown: Shown
@@ -62,10 +62,10 @@ class Ordered:
 def check_order_notes(
     files: Mapping[str, WrittenFile], tape: Tape, of: Ordered | None = None, *, film: FilmManifest | None = None
 ) -> Check:
-    """Check that the notes name this tape, its size, every part and the files to upload, and name only free areas for print.
+    """Check that the notes have this tape's name, size, number of parts and files, and leave only free areas for print.
 
-    For a panel, `tape` is the first of its tapes, and `of` describes what is ordered. `film` is what the manifest records;
-    without it the rows of the forms are not compared.
+    For a panel, `tape` is the first of its tapes, and `of` the panel. Without `film`, the manifest's record, the rows of the
+    forms are not compared.
     """
     if len(files["order-notes"].data) > _MOST_NOTES_BYTES:
         return Check(name="order-notes", passed=False, message=f"they are longer than {_MOST_NOTES_BYTES} bytes")
@@ -91,10 +91,10 @@ def check_order_notes(
     for area in found:
         x0, x1, y0, y1 = map(float, area)
         centres, reach = tape.part_xy_mm(), np.array(reach_mm(tape.part))
-        # widened by how far a body reaches, turned as it is: a part whose middle is in there reaches into the area's box
+        # parts whose centre is in the area widened by a body's reach extend into the area
         near = (centres > np.array([x0, y0]) - reach).all(axis=1) & (centres < np.array([x1, y1]) + reach).all(axis=1)
         legend = None
-        with suppress(KeyError, ReadbackError):  # there is none, or its own line says so
+        with suppress(KeyError, ReadbackError):  # the file is missing, or reported as unreadable elsewhere
             legend = read_gerber(files["legend-top"].data)
         taken = inked_or_cut(legend, tape.board.holes)
         over = near.any() or any((low < (x1, y1)).all() and (high > (x0, y0)).all() for low, high in taken)
@@ -106,14 +106,14 @@ def check_order_notes(
 
 
 def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder) -> Iterator[str]:
-    """Rows that differ from the manifest; what the board is made of must be there."""
-    # steps 1 to 4 are the board's form, up to 9 the whole order; what follows is for the buyer
+    """Problems of rows that differ from the manifest, or are missing although every form needs them."""
+    # steps 1 to 4 are the board's form, those up to 9 the whole order; the rest is for the user
     form, rest = text.partition("\nSTEP 5. ")[0], text.partition("\nSTEP 10. ")[0]
     expected = _expected_rows(tape, of, film, order)
     known = {label: value for labels, value in expected.items() for label in labels}
     rows = _ROW.findall(rest)
     for label, value in rows:
-        # prose is free, but where a row of a form has a value, it must be the manifest's
+        # prose is free, but a value in a row of a form must be the manifest's
         if label in known and re.fullmatch(known[label], value) is None:
             yield f"{shown(label)} is {shown(value)}, which is not the manifest's"
         figure = re.fullmatch(rf"{_FIGURE} mm", value) if label in _SPACING else None
@@ -125,7 +125,7 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
         if re.search(r"\d ?mm\b", value) and label not in known and label not in _SPACING
     )
     told, laminated = {label for label, _ in rows}, [f"{backing}-bottom" in film.film.backings for backing in _BACKINGS]
-    # forms of rigid boards have no row of a stiffener: it stands in the remark alone
+    # forms of rigid boards have no row for a stiffener, which is only in the remark
     asked = [True] * _ALWAYS + [order.flexible and there for there in laminated]
     yield from (
         f"they do not say the {labels[0]}"
@@ -135,7 +135,7 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
 
 
 def _remark_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest) -> Iterator[str]:
-    """Sentences of the remarks that differ from the manifest."""
+    """Problems of sentences in the remarks that differ from the manifest."""
     for found in re.finditer(r"\b(merge|align)\b", text, re.IGNORECASE):
         if not text.endswith("Do not ", 0, found.start()):
             yield f"they say {found[1]!r} without 'Do not'"
@@ -168,13 +168,13 @@ def _remark_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest) -> 
             if x0 > low[0] or y0 > low[1] or x1 < high[0] or y1 < high[1]:
                 yield f"they protect x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm as the field of parts, and parts lie beyond it"
     for pattern, right in sentences.items():
-        # every figure at that place of a sentence, and it must be there at least once
+        # the sentence must occur, and always with the right figure
         if wrong := {*re.findall(pattern, text)} ^ right:
             yield f"they say {named(sorted(wrong))} where {pattern.replace(_FIGURE, ' and '.join(sorted(right)))!r} should stand"
 
 
 def _backing_problems(text: str, files: Mapping[str, WrittenFile], backings: Mapping[str, str]) -> Iterator[str]:
-    """Stiffener and adhesive as the board's remark has them: no Gerber file shows their thickness."""
+    """Problems of stiffener and adhesive in the board's remark; no Gerber file contains their thickness."""
     for word in map(str.capitalize, _BACKINGS):
         role = f"{word.lower()}-bottom"
         wanted = [(backings[role], files[role].path)] if role in backings and role in files else []
@@ -185,7 +185,7 @@ def _backing_problems(text: str, files: Mapping[str, WrittenFile], backings: Map
 
 
 def _other_figures(text: str, pattern: str, right: tuple[str | None, ...]) -> Iterator[str]:
-    """Figures and words that are not the right ones, wherever the notes have such a sentence."""
+    """Problems of figures and words in every sentence that matches `pattern`."""
     for found in re.finditer(pattern, text):
         if found.groups() != right:
             said, wanted = (", ".join(filter(None, words)) for words in (found.groups(), right))
@@ -193,7 +193,7 @@ def _other_figures(text: str, pattern: str, right: tuple[str | None, ...]) -> It
 
 
 def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> Iterator[str]:
-    """Words to the assembly line that differ from its list: frame, sense, side, parts and how many to buy."""
+    """Problems of the text for the assembly line: frame, sense of rotation, side, parts and quantity to buy."""
     house = PLACEMENTS[assembly.format]
     sense = "clockwise" if house.clockwise else "counter-clockwise"
     as_listed = (assembly.format, house.unit, sense, "as in the Gerber files")
@@ -214,7 +214,7 @@ def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> I
 
 
 def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder) -> dict[tuple[str, ...], str]:
-    """Patterns of the values that rows of these labels may have, in the forms of all houses; those of all forms first."""
+    """Patterns of values by labels of rows, for the forms of all houses; rows that every form has come first."""
     assembly, backings = film.assembly, film.film.backings
     width, height, radius = map(_length, (*of.shown.size_mm, tape.board.corner_radius_mm))
     copper = COPPER_OZ.get(order.copper_um, f"{order.copper_um:g} um")
@@ -242,7 +242,7 @@ def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder)
         ("panel", "Delivery Format", "Board Type"): _delivery(of.panel),
         ("stencil",): ".*" if film.stencil_mm is None else f"{_length(film.stencil_mm)} mm",
         ("Comment in the BOM",): _escaped(assembly.value),
-        ("Mark on PCB", "Remove Product No."): "Remove Mark|Yes",  # a number of the house's would stand on the tag
+        ("Mark on PCB", "Remove Product No."): "Remove Mark|Yes",  # the house's number would be printed on the tag
         ("parts of a board", "Number of SMD Parts"): str(of.part_count),
         ("joints of a board",): str(2 * of.part_count),
         ("side", "Side(s)", "PCBA Side", "Assembly Side"): "[Tt]op( only| side| Side)?",
@@ -253,19 +253,19 @@ def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder)
 
 
 def _escaped(text: str) -> str:
-    """Pattern of a profile's text, as the notes have it on one line."""
+    """Pattern of a profile's text, as written on one line of the notes."""
     return re.escape(in_a_line(text))
 
 
 def _delivery(panel: Panel | None) -> str:
-    """Pattern of how boards are delivered."""
+    """Pattern of the form of delivery."""
     if panel is not None:
         return f"(as drawn|Panel by Customer), {re.escape(panel.words)}"
     return r"[Ss]ingle (pieces|PCB)|(by the fab|Panel by \w+), as the remark of step 8 says"
 
 
 def _bases(order: FabOrder) -> str:
-    """Pattern of the words for the board's base."""
+    """Pattern of the base material."""
     base, laminate = _escaped(order.base), _escaped(LAMINATES.get(order.base, order.base))
     if not order.flexible:
         return f"rigid, {base}|{laminate}"
@@ -274,5 +274,5 @@ def _bases(order: FabOrder) -> str:
 
 
 def _length(value: float) -> str:
-    """As the notes write a length or an angle."""
+    """A length or angle as written in the notes."""
     return f"{value:.3f}".rstrip("0").rstrip(".")

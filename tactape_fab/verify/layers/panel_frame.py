@@ -1,4 +1,4 @@
-"""Checks of what a panel has beside its tapes: outline and slots, fiducials, tooling holes."""
+"""Checks of a panel outside its tapes: outline and slots, fiducials, tooling holes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DIAMETER_TOLERANCE_MM = 0.005
 
 
 def check_cut(content: GerberContent, panel: Panel) -> Check:
-    """Check the outline, and that slots round every tape leave it complete and held by its tabs alone."""
+    """Check the outline, and that the slots around every tape do not cut into it and leave exactly its tabs."""
     name, strokes = "profile", content.strokes_mm
     expected = slots_mm(panel)
     open_ended = [stroke for stroke in strokes if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9]
@@ -38,14 +38,14 @@ def check_cut(content: GerberContent, panel: Panel) -> Check:
     outline = shapely.Polygon(panel.outline_mm)
     wanted = [outline, *map(shapely.Polygon, expected)]
     errors = [outlines_apart_mm(polygon, contour) for polygon, contour in zip(drawn, wanted, strict=True)]
-    # what is checked is what the cut does: whether a tape stays whole, and how many pieces of its outline stay uncut
+    # the effect of the slots is checked: whether a tape stays whole, and how many pieces of its outline stay uncut
     slots, tapes = shapely.union_all(drawn[1:]), [shapely.Polygon(place.outline_mm) for place in panel.places]
     problems = [
         f"a slot cuts {shapely.area(shapely.intersection(slots, t)):.3f} mm2 off a tape" for t in tapes if _cuts(slots, t)
     ]
-    # slots touch a tape along its outline: wider by a little they cover it there, and leave the tabs
+    # slots touch a tape along its outline; slightly widened they cover the outline except at the tabs
     near, tabs = slots.buffer(2 * PLACE_TOLERANCE_MM), [2 * (place.tabs_x + place.tabs_y) for place in panel.places]
-    # a ring begins somewhere: merged, a tab over that point is one piece
+    # merged, as a tab over the start point of the ring would be two pieces
     uncut = [shapely.get_parts(shapely.line_merge(shapely.difference(tape.exterior, near))) for tape in tapes]
     wrong = [(len(pieces), count) for pieces, count in zip(uncut, tabs, strict=True) if len(pieces) != count]
     problems += [f"a tape is held by {held} tabs, not {count}" for held, count in wrong]
@@ -58,7 +58,7 @@ def check_cut(content: GerberContent, panel: Panel) -> Check:
 
 
 def _cuts(slots: Any, tape: Any) -> bool:
-    # the tape without its rim, which a slot may touch
+    # the tape is shrunk by the tolerance, as a slot may touch it
     return float(shapely.area(shapely.intersection(slots, tape.buffer(-PLACE_TOLERANCE_MM)))) > 0.0
 
 
@@ -71,7 +71,7 @@ def check_rails(
 
 
 def _on_tapes(xy_mm: FloatArray, tapes: Sequence[OnPanel]) -> BoolArray:
-    """Which points lie on one of the tapes; shape (n,)."""
+    """Mask of the points on any tape; shape (n,)."""
     found = np.zeros(len(xy_mm), dtype=bool)
     for on in tapes:
         found |= inside(xy_mm, on)
@@ -80,7 +80,7 @@ def _on_tapes(xy_mm: FloatArray, tapes: Sequence[OnPanel]) -> BoolArray:
 
 def _check_marks(role: str, content: GerberContent, panel: Panel, tapes: Sequence[OnPanel]) -> Check:
     marks = {"copper-top": panel.fiducial_mm, "coverlay-top": panel.fiducial_opening_mm}
-    # what lies on a tape is checked with that tape; an object on two of them, or half on one, counts as beside
+    # objects on a tape are checked with that tape; one on two tapes, or partly on one, counts as outside
     flashes = np.flatnonzero(~_on_tapes(content.flash_xy_mm, tapes))
     outlines = [content.aperture_outlines_mm[i] for i in content.flash_aperture[flashes]]
     wanted = np.array(panel.fiducials_mm if role in marks else ()).reshape(-1, 2)
@@ -111,10 +111,10 @@ def _mark_problems(xy_mm: FloatArray, outlines: Sequence[FloatArray], wanted_mm:
         problems.append(
             f"a fiducial is at ({xy_mm[i, 0]:.3f}, {xy_mm[i, 1]:.3f}) mm, not at ({wanted_mm[i, 0]:g}, {wanted_mm[i, 1]:g}) mm"
         )
-    # all vertices of a disc are a radius from its middle; 5 um for how fine readers make its chords
+    # all vertices of a disc are a radius from its centre; 5 um for the chords of readers
     radii = [np.hypot(*outline.T) for outline in outlines]
     disc = shapely.Point(0.0, 0.0).buffer(diameter_mm / 2, quad_segs=32)
-    # a square has its vertices on the circle, too
+    # a square also has its vertices on a circle
     if any(np.abs(2 * r - diameter_mm).max() > _DIAMETER_TOLERANCE_MM for r in radii) or any(
         outlines_apart_mm(shapely.Polygon(outline), disc) > _DIAMETER_TOLERANCE_MM for outline in outlines
     ):

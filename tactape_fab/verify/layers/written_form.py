@@ -1,4 +1,4 @@
-"""Form of Gerber and drill files: the writer's own grammar and nothing else, and what they draw read by it a second time."""
+"""Check that Gerber and drill files have exactly the writer's form, and that a second reader finds the same shapes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactape_fab.verify.files import WrittenFile
 
 _NAME = "written form"
 _SAME_MM = 2e-6
-"""Largest difference between two readings of one coordinate: gerbonara's are sums of floats."""
+"""Largest difference between two readings of a coordinate, as gerbonara's are sums of floats."""
 _FUNCTION = re.compile(rb"(?<=TA)[^*%]*")
 _FUNCTIONS = {
     "copper-top": {b".AperFunction,SMDPad,CuDef", b".AperFunction,Conductor", b".AperFunction,FiducialPad,Global"},
@@ -39,7 +39,7 @@ _DRILL = re.compile(  # XNC 2021.11
 
 
 def check_form(files: Mapping[str, WrittenFile], gerbers: Mapping[str, GerberContent]) -> Check:
-    """Check that Gerber and drill files are written in the writer's grammar, and that both readings of them draw the same."""
+    """Check that Gerber and drill files have the writer's form, and that both readers find the same shapes."""
     problems = []
     for role, content in gerbers.items():
         try:
@@ -56,7 +56,7 @@ def check_form(files: Mapping[str, WrittenFile], gerbers: Mapping[str, GerberCon
 
 
 def drill_problems(data: bytes) -> list[str]:
-    """Faults of a drill file's form: another grammar, or a tool that is defined or taken twice."""
+    """Problems of a drill file's form: other syntax, or a tool that is defined or selected twice."""
     text = data.decode("ascii", "replace")
     if _DRILL.fullmatch(text) is None:
         return ["it is not as the writer writes it: header, tools, then the holes of each tool"]
@@ -69,7 +69,7 @@ def drill_problems(data: bytes) -> list[str]:
 def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
     """Differences between the two readings of a file."""
     problems = []
-    # the index counts apertures in the order of their first flash, in both readings
+    # in both readings apertures are numbered in the order of their first flash
     same_apertures = np.array_equal(drawn.flash_aperture, content.flash_aperture)
     if not same_apertures or not alike(drawn.flash_xy_mm, content.flash_xy_mm):
         problems.append("gerbonara reads other flashes than the grammar")
@@ -85,20 +85,20 @@ def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
 
 
 def segments(strokes_mm: Sequence[np.ndarray]) -> np.ndarray:
-    """Begin and end of each line of some polylines; shape (n, 4), mm."""
+    """Start and end of each segment of polylines; shape (n, 4), mm."""
     points = np.concatenate([np.empty((0, 2)), *strokes_mm])
-    # points of all strokes in a row: the line from the last point of one to the first of the next is taken out again
+    # from the concatenated points of all strokes, without the lines between consecutive strokes
     ends = np.cumsum([len(stroke) for stroke in strokes_mm], dtype=np.int64)[:-1]
     return np.delete(np.concatenate([points[:-1], points[1:]], axis=1), ends - 1, axis=0)
 
 
 def alike(a: np.ndarray, b: np.ndarray, tolerance_mm: float = _SAME_MM) -> bool:
-    """Whether two arrays of points have the same shape, and places that agree."""
+    """Whether two arrays of points have the same shape, and equal values within the tolerance."""
     return a.shape == b.shape and bool((np.abs(a - b) <= tolerance_mm).all())
 
 
 def same_contours(found: Sequence[np.ndarray], wanted: Sequence[np.ndarray], tolerance_mm: float) -> bool:
-    """Whether closed contours, one by one, go through the same points in the same order."""
-    # a region of a Gerber file ends where it began, other formats do not say the first point twice
+    """Whether closed contours pairwise have the same points in the same order."""
+    # a region of a Gerber file repeats its first point at the end, other formats do not
     these, those = ([line[:-1] if np.array_equal(line[0], line[-1]) else line for line in lines] for lines in (found, wanted))
     return len(these) == len(those) and all(alike(a, b, tolerance_mm) for a, b in zip(these, those, strict=True))

@@ -1,4 +1,4 @@
-"""The mark in the back of a printed texture, read from the mesh: its figures and the arrow."""
+"""Check of the mark in the back of a printed texture: its digits and arrow are read from the mesh."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _ROWS, _MOST_COLUMNS = 5, 1000
 
 
 def check_mark(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
-    """Check that the back shows the tape's sector beside an arrow to board +y: what is sunk is read as cells, then as figures."""
+    """Check that the back shows the tape's sector beside an arrow to board +y, read from the engraved cells."""
     mark = mark_of(tape, form)
     if mark is None:
         return Check(name="stl mark", passed=True, message="the back has no place for a mark")
     flat = unwrapped(mesh.vertices_mm, tape, form)
     back, floor = back_mm(tape, form), floor_mm(tape, form, mark)
-    # 0 on the back, 1 on the floor of the mark, on either side of a mould
+    # 0 on the back, 1 on the floor of the mark, for texture and mould
     depth = (flat[:, 2] - back)[mesh.faces] / (floor - back)
     sunk = flat[mesh.faces[(np.abs(depth - 1.0) * mark.depth_mm < _LEVEL_MM).all(axis=1)]][..., :2]
     if len(sunk) == 0:
@@ -41,14 +41,14 @@ def check_mark(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
 
 
 def _figures(area: shapely.Geometry, *, mirrored: bool) -> int | None:
-    """The number that a sunk area shows, seen from outside; None if it shows none."""
+    """The number that an engraved area shows, seen from outside; None if it is not a number."""
     left, low, right, high = area.bounds
-    # arrow and figures are five cells high: what is sunk says how large a cell is, not the manifest
+    # arrow and digits are five cells high, which gives the size of a cell without the manifest
     cell_mm = (high - low) / _ROWS
     columns = round((right - left) / cell_mm)
     if not 1 <= columns <= _MOST_COLUMNS:
         return None
     x, y = np.meshgrid(left + (np.arange(columns) + 0.5) * cell_mm, high - (np.arange(_ROWS) + 0.5) * cell_mm)
     cells = shapely.contains_xy(area, x, y)
-    # board x runs to the left where the back is seen from below
+    # board x points to the left if the back is seen from below
     return read_raster(cells[:, ::-1] if mirrored else cells)

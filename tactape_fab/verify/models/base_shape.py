@@ -1,6 +1,6 @@
-"""All but elements' tops in a texture's mesh, from its vertices alone: the base's faces, outline and holes, feet and flanks.
+"""Check of the base in a texture's mesh by its vertices: faces, outline and holes of the base, feet and flanks of elements.
 
-The volume tells none of these where they are small, or where one is made up for by another.
+The volume does not show errors that are small, or that cancel.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.models.raised import cells_of, is_raised, shape_errors_mm
 
 _LEVEL_MM, _PLACE_MM = 0.002, 0.005
-"""STL has 24 bits of mantissa: 0.03 um at 500 mm; round feet and holes are polygons, whose corners are on the curve."""
+"""Tolerances: STL has 24 bits of mantissa, 0.03 um at 500 mm; round feet and holes are polygons with vertices on the curve."""
 _SAGITTA_MM = 0.02
-"""Of a round foot's chords, which are 0.015 mm from it at most: without one corner it is four times as much."""
+"""Largest sagitta of a round foot's chords: they have at most 0.015 mm, and four times that if a vertex is missing."""
 
 
 def check_base(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
-    """Check every vertex that is not part of an element's top: on which face it lies, and that feet are where elements are."""
+    """Check that every vertex that is not on an element's top is on a face of the base, and that every element has its foot."""
     points = unwrapped(mesh.vertices_mm, tape, form)
     mark = mark_of(tape, form) if form.mark else None
     back, floor = back_mm(tape, form), floor_mm(tape, form, mark)
@@ -54,7 +54,7 @@ def check_base(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
 
 
 def _about_elements(tape: Tape, points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The element in whose cell each point is, -1 in none, and the offset from it in the board's plane; (n,), (n, 2)."""
+    """Cell of the element near each point, -1 for none, and offset from the element in the board's plane; (n,), (n, 2)."""
     key, inside = cells_of(tape, points[:, :2])
     element = np.full(tape.rows * tape.columns, -1)
     element[tape.cells() @ (1, tape.columns)] = np.arange(tape.part_count)
@@ -63,7 +63,7 @@ def _about_elements(tape: Tape, points: FloatArray) -> tuple[IntArray, FloatArra
 
 
 def _on_flank(tape: Tape, form: SolidForm, points: FloatArray, cells: IntArray, offset: FloatArray) -> BoolArray:
-    """Which points lie on an element's side between foot and top, where only spherical caps have vertices."""
+    """Mask of the points on an element's side between foot and top, where only spherical caps have vertices."""
     on = np.zeros(len(points), dtype=bool)
     if tape.part.shape == "dome" and tape.part.top_mm is None:
         some = (cells >= 0) & (points[:, 2] > 0.0) & (points[:, 2] < tape.part.body_mm[2])
@@ -72,7 +72,7 @@ def _on_flank(tape: Tape, form: SolidForm, points: FloatArray, cells: IntArray, 
 
 
 def _outline_mm(tape: Tape, form: SolidForm, xy_mm: FloatArray) -> float:
-    """By how much points reach beyond the outline, or stay within it on a side; infinite without points."""
+    """Largest distance by which points are beyond the outline, or by which a side has none on it; infinite without points."""
     if len(xy_mm) == 0:
         return float("inf")
     low, high, size = xy_mm.min(axis=0), xy_mm.max(axis=0), np.array(tape.board.size_mm)
@@ -93,14 +93,14 @@ def _inside_holes(tape: Tape, xy_mm: FloatArray) -> BoolArray:
 
 
 def _wrong_feet(tape: Tape, form: SolidForm, cells: IntArray, offset_mm: FloatArray) -> int:
-    """Elements whose foot lacks a corner among the points on the base's top."""
+    """Number of elements whose foot lacks a vertex among the points on the base's top."""
     there = cells >= 0
     cells, local, part = cells[there], offset_mm[there], tape.part
     radius_mm = np.inf
     if form.cylinder is not None:
         wrap = wrap_of(tape, form, form.cylinder)
         local, part, radius_mm = local @ wrap.from_board.T, wrap.part, wrap.radius_mm
-        # along the arc to along the tangent, where an element is not bent
+        # from the arc to the tangent plane, in which an element is not bent
         local = np.column_stack([radius_mm * np.sin(local[:, 0] / radius_mm), local[:, 1]])
     if part.shape == "block":
         corners = block_corners_mm(part)
@@ -110,7 +110,7 @@ def _wrong_feet(tape: Tape, form: SolidForm, cells: IntArray, offset_mm: FloatAr
     r = np.hypot(*local.T)
     foot = np.full_like(r, part.body_mm[0] / 2)
     if form.cylinder is not None:
-        # the foot is the same for all elements: by a table of directions, as each of its values takes a bisection
+        # the foot is equal for all elements, so a table by direction is used: each value takes a bisection
         direction = np.linspace(-pi, pi, 4097)
         foot = np.interp(np.arctan2(local[:, 1], local[:, 0]), direction, foot_radius_mm(part, radius_mm, direction))
     on = np.abs(r - foot) <= _PLACE_MM
@@ -119,12 +119,12 @@ def _wrong_feet(tape: Tape, form: SolidForm, cells: IntArray, offset_mm: FloatAr
     cells, direction_rad = cells[on], np.arctan2(local[on, 1], local[on, 0])
     order = np.lexsort([direction_rad, cells])
     cells, direction_rad = cells[order], direction_rad[order]
-    # from each corner to the next one, and from the last to the first
+    # from each vertex to the next, and from the last to the first
     gap = np.diff(direction_rad, append=0.0)
     first = np.flatnonzero(np.diff(cells, prepend=-1))
     last = np.append(first[1:], len(cells)) - 1
     gap[last] = 2 * pi + direction_rad[first] - direction_rad[last]
     widest = np.full(tape.part_count, 2 * pi)
     widest[cells[first]] = np.maximum.reduceat(gap, first)
-    # of a chord over this angle
+    # sagitta of a chord over this angle
     return int((part.body_mm[0] / 2 * (1 - np.cos(np.minimum(widest, pi) / 2)) > _SAGITTA_MM).sum())

@@ -1,4 +1,4 @@
-"""Solid models read by software that is not ours: OCCT, FreeCAD, PrusaSlicer and trimesh, each in a process of its own."""
+"""Checks of solid models by independent software: OCCT, FreeCAD, PrusaSlicer and trimesh, each in a process of its own."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ PLACE_TOLERANCE_MM = 0.001
 DIRECTION_TOLERANCE = 1e-6
 _TIMEOUT_S = 1800
 CPU_S, CPU_S_OF_OWN = 5.0, 30.0
-"""Processor time of a reader for the first MB and each further one, once it is loaded: of an untrusted file, and of one that this
-version writes, which is known to end and may take what a slow machine takes. A MB of boxes takes OCCT 0.9 s, of domes 0.9,
+"""Limits of a reader's processor time per MB, at least one, after loading: for an untrusted file, and for one that this version
+writes, which is known to end and may take longer on a slow machine. A MB of boxes takes OCCT 0.9 s, of domes 0.9,
 of domes round a cylinder 2.5; FreeCAD 1.2, 1.5 and 3.3; meshes less than 0.3 s in trimesh and PrusaSlicer."""
 _LOADED_S = 5
 MEMORY_BYTES, MEMORY_PER_BYTE = 1 << 30, 400
-"""All of them read a kit of 1,188 parts, 4.9 MB of STEP, within 0.5 GiB."""
+"""Limit of a reader's memory: a kit of 1,188 parts, 4.9 MB of STEP, takes each of them less than 0.5 GiB."""
 _FILE_NAMES = {"step-solid": "solid.step", "step-assembly": "assembly.step", "stl": "a.stl", "3mf": "a.3mf"}
 _FREECAD = """
 import json, sys
@@ -69,7 +69,7 @@ for key, path in {files!r}.items():
 with open({answer!r}, "w") as stream:
     json.dump(answer, stream)
 """
-# bodies: every face takes its neighbours' least number until none is less; trimesh's own function would ask for scipy
+# bodies: every face takes the least label of its neighbours until nothing changes; trimesh's own function needs scipy
 _TRIMESH = """
 import json, sys
 import numpy as np
@@ -102,10 +102,10 @@ def read_by_others(
     cpl: CplContent | None,
     progress: Callable[[str, int, int], None],
 ) -> Iterator[Iterator[Check]]:
-    """Context manager: every reader installed on this machine reads a kit's models, side by side on the cores there are.
+    """Context manager: every installed reader reads a kit's models, in parallel on the available cores.
 
-    Yields their lines, in a fixed order, that which takes longest last; waiting for them is what takes time. A missing reader
-    is a line, and is not a failure.
+    Yields an iterator of their lines in a fixed order, the slowest reader last, which waits for the results. A missing reader is
+    a line that is not a failure.
     """
     children = launch.Children()
     threads = ThreadPoolExecutor(core_count(), initializer=children.adopt)
@@ -118,13 +118,13 @@ def read_by_others(
         readers = _READERS
         if "step-solid" in files and not _is_own(expected, paths):
             readers = {"CAD kernels": _kernels} | {name: read for name, read in readers.items() if read not in (_occt, _freecad)}
-        # threads, as each only waits for a process of its own
+        # threads, as each only waits for a child process
         runs = [(name, pool.submit(read, tape, expected, paths, cpl)) for name, read in readers.items()]
         try:
             yield _lines(runs[::-1], progress)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-            children.stop()  # after Ctrl-C or a stop request some may run for minutes
+            children.stop()  # after Ctrl-C or SIGTERM some might run for minutes
 
 
 def _lines(runs: Sequence[tuple[str, Future[list[Check]]]], progress: Callable[[str, int, int], None]) -> Iterator[Check]:
@@ -134,15 +134,15 @@ def _lines(runs: Sequence[tuple[str, Future[list[Check]]]], progress: Callable[[
 
 
 def _limits(files: Iterable[Path], *, own: bool = False) -> tuple[float, int]:
-    """Processor time (s) and memory (bytes) of a reader, by the size of its files, and whether this version writes them."""
+    """Limits of processor time (s) and memory (bytes) of a reader, by the size of its files; `own`: this version writes them."""
     size = sum(file.stat().st_size for file in files)
     return (CPU_S_OF_OWN if own else CPU_S) * max(1.0, size / 1e6), MEMORY_BYTES + MEMORY_PER_BYTE * size
 
 
 def _run(arguments: list[str], limits: tuple[float, int], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
-    """Output of a program, or the reason why there is no output; one that is loaded limits its time itself, by less."""
+    """Result of a program, or the reason why there is none; readers set a lower time limit themselves once they are loaded."""
     cpu_s, memory_bytes = limits
-    # set from outside too: a reader that never comes to limiting itself ends all the same
+    # also limited from outside, in case a reader hangs before it limits itself
     within = launch.limited(arguments, cpu_s=ceil(cpu_s) + _LOADED_S, memory_bytes=memory_bytes)
     try:
         run = launch.run(within, timeout_s=_TIMEOUT_S, scratch=scratch)
@@ -154,7 +154,7 @@ def _run(arguments: list[str], limits: tuple[float, int], scratch: Path | None =
 
 
 def _answer(run: subprocess.CompletedProcess[str] | str) -> dict[str, Any]:
-    """The JSON that a reader printed, or ``{"error": reason}``."""
+    """The JSON printed by a reader, or ``{"error": reason}``."""
     if isinstance(run, str):
         return {"error": run}
     found = re.search(r"^ANSWER (.*)$", run.stdout, re.MULTILINE)
@@ -172,14 +172,14 @@ _TOO_LONG = (
 
 
 def _is_own(expected: Expected, paths: Mapping[str, Path]) -> bool:
-    """Whether this version writes the same data sections."""
+    """Whether the data sections are those that this version writes."""
     return bool(expected.steps) and all(
         step_text(paths[role].read_bytes()).digest == step.digest for role, step in expected.steps.items()
     )
 
 
 def _kernels(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
-    """Read STEP files that this version does not write: entities are counted first, and FreeCAD gets what OCCT finds right."""
+    """Read STEP files that this version does not write: entities are counted first, and FreeCAD reads what passes in OCCT."""
     for role, own in expected.steps.items():
         if (problem := strange(step_text(paths[role].read_bytes()), own)) is not None:
             return [Check(name=f"{role} by CAD kernels", passed=False, message=f"not given to one: {problem}")]
@@ -211,7 +211,7 @@ def _occt(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplCon
 
 
 def _check_solid(expected: Expected, reader: str, found: dict[str, Any]) -> Check:
-    """Check that the solids are valid, with all faces of the file, and the volume and centre of mass of the formulas."""
+    """Check that the solids are valid, have all faces of the file, and have the computed volume and centre of mass."""
     name = f"step-solid by {reader}"
     if "error" in found:
         return Check(name=name, passed=False, message=str(found["error"]))
@@ -219,7 +219,7 @@ def _check_solid(expected: Expected, reader: str, found: dict[str, Any]) -> Chec
     problems = []
     if found["solids"] != expected.bodies:
         problems.append(f"{found['solids']} solids instead of {expected.bodies}")
-    # a wrong shell may still have the right volume, and be found valid: faces and solids are counted as well
+    # a wrong shell may have the right volume and be valid, so faces and solids are counted as well
     if found["faces"] != expected.faces:
         problems.append(f"{found['faces']} faces instead of {expected.faces}")
     if not found["valid"]:
@@ -228,7 +228,7 @@ def _check_solid(expected: Expected, reader: str, found: dict[str, Any]) -> Chec
         problems.append(f"volume {found['volume_mm3']:.6f} mm3 is {relative:.1e} from {expected.volume_mm3:.6f} mm3")
     if expected.centre_mm is not None and found["centre_mm"] is not None:
         off = float(np.abs(np.array(found["centre_mm"]) - expected.centre_mm).max())
-        # tells elements that are shifted all together, which no volume shows
+        # shows a common shift of all elements, which does not change the volume
         if off > PLACE_TOLERANCE_MM / 10:
             problems.append(f"its centre of mass is {off * 1000:.3f} um from where its shape has it")
     right = f"one valid solid of {expected.faces} faces, volume within {relative:.0e} of {expected.volume_mm3:.4f} mm3"
@@ -248,11 +248,11 @@ def _check_occurrences(tape: Tape, found: dict[str, Any], cpl: CplContent) -> Ch
         problems.append(f"occurrences that differ from the CPL: {named([*missing, *extra])}")
         return Check(name=name, passed=False, message="; ".join(problems))
     placed = np.array([rows[d] for d in cpl.designators])
-    # at z = 0: the part's foot is on the film
+    # z is 0, as the part's foot is on the film
     off = np.hypot(*(placed[:, :2] - cpl.xy_mm).T) + np.abs(placed[:, 2])
     angle = np.radians(cpl.rotation_deg)
     along = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    # columns 1 and 3 of the rotation, the part's x and z axes: the second follows from them
+    # columns 1 and 3 of the rotation, the part's x and z axes, which determine the second
     turn = np.abs(placed[:, 3:6] - along).max(axis=1) + np.abs(placed[:, 6:9] - (0.0, 0.0, 1.0)).max(axis=1)
     worst = int(off.argmax())
     if np.abs(rows["board"] - (0, 0, 0, 1, 0, 0, 0, 0, 1)).max() > PLACE_TOLERANCE_MM:
@@ -280,7 +280,7 @@ def _product_problems(tape: Tape, products: dict[str, list[list[float]]]) -> lis
         return [f"{len(products)} products with {sum(map(len, products.values()))} solids, not a board and a part of one each"]
     problems = []
     for what, (volume, centre, low, high) in expected.items():
-        # by volume, as names of products are for people
+        # identified by volume, as names of products are arbitrary
         volumes = [solid for solid in solids if np.isclose(solid[0], volume, rtol=VOLUME_TOLERANCE, atol=0.0)]
         if not volumes:
             problems.append(f"no product has the {what}'s {volume:.6f} mm3")
@@ -316,7 +316,7 @@ def _freecad(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
 
 
 def _check_centres(tape: Tape, centres: list[list[float]], cpl: CplContent) -> Check:
-    """Check the parts' centres of mass against the CPL, in any order."""
+    """Check the parts' centres of mass, in any order, against the CPL."""
     name = "step-assembly by FreeCAD"
     rows = np.array(centres, dtype=np.float64).reshape(-1, 4)
     parts = rows[np.isclose(rows[:, 3], element_volume_mm3(tape.part), rtol=1e-6)]
@@ -365,10 +365,10 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
 
 
 _READERS: dict[str, _Reader] = {"FreeCAD": _freecad, "OCCT": _occt, "trimesh": _trimesh, "PrusaSlicer": _slicer}
-"""The reader that takes longest is started first, and its lines come last."""
+"""Readers in the order in which they are started, the slowest first; its lines come last."""
 
 
 def _missing(program: str, remedy: str = "") -> Check:
-    """Line for a reader that is not installed; it is not a failure."""
+    """Line for a reader that is not installed, which is not a failure."""
     message = f"{program} is not installed: the models were not read with it{remedy}"
     return Check(name=program, passed=False, warning=True, skipped=True, message=message)

@@ -80,7 +80,7 @@ def _check_rows(tape: Tape, placed: Placed) -> Check:
         problems.append("its designators are not the tape's")
     if not np.array_equal(placed.cells, tape.cells()):
         problems.append("its columns and rows are not the tape's")
-    # |v|^2 - 1 is twice the error of a length: nine decimals leave some 1e-9
+    # |v|^2 - 1 is twice the error of the length; with nine decimals it is some 1e-9
     lengths = np.stack([(v * v).sum(axis=1) - 1 for v in (placed.x_axis, placed.normal)])
     askew = max(float(np.abs(lengths).max()), float(np.abs((placed.x_axis * placed.normal).sum(axis=1)).max()))
     if askew > 1e-6:
@@ -90,16 +90,16 @@ def _check_rows(tape: Tape, placed: Placed) -> Check:
 
 
 def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]:
-    """Vertices of the upper part of elements: the nearest grid point of each, and its coordinates in that point's frame."""
-    # an element stays in its cell, whose corner is W / sqrt 2 from the grid point, and is this high
+    """Vertices near the elements' tops: nearest grid point of each, and coordinates in that point's frame."""
+    # an element is within its cell, whose corner is W / sqrt 2 from the grid point, and within its height
     reach_mm = tape.pitch_mm / 2**0.5 + tape.part.body_mm[2]
     distance, owner = nearest(placed.grid_mm, mesh.vertices_mm, within_mm=reach_mm)
     near = np.isfinite(distance)
     owner = owner[near]
     axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
-    # rows of `axes` are the directions of the grid point's element: scalar products are coordinates in its frame
+    # rows of `axes` are the axes of the grid point's frame, so scalar products are coordinates in it
     local = np.einsum("nij,nj->ni", axes[owner], mesh.vertices_mm[near] - placed.grid_mm[owner])
-    # under a foot the part's own surface rises by half the height at most (`too_curved`)
+    # below a foot the part's surface rises by at most half the height (`too_curved`)
     high = local[:, 2] > _TOP_FROM * tape.part.body_mm[2]
     return owner[high], local[high]
 
@@ -114,7 +114,7 @@ def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -
         missing = [placed.designators[i] for i in np.flatnonzero(~there)[:5]]
         message = f"{int((~there).sum())} elements are not there, such as {', '.join(missing)}"
         return Check(name="elements", passed=False, message=message, figure=float(there.sum()))
-    # middle of the bounds, as vertices of a boolean's result are unevenly spread
+    # middle of the bounds, as vertices of a boolean operation's result are unevenly distributed
     found = np.c_[(low[:, :2] + high[:, :2]) / 2, high[:, 2]]
     error = np.linalg.norm(found - moved - (0.0, 0.0, tape.part.body_mm[2]), axis=1)
     worst = int(error.argmax())
@@ -125,7 +125,7 @@ def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -
 
 
 def _board_positions(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> FloatArray:
-    """Board positions of the elements that the mesh shows, each from its grid point's frame; shape (m, 2)."""
+    """Board positions of the elements in the mesh, from their coordinates in the grid points' frames; shape (m, 2)."""
     low, high = bounds_of_groups(len(placed.cells), owner, tops)
     there = np.isfinite(low[:, 0])
     moved = (low[there, :2] + high[there, :2]) / 2

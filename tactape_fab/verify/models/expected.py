@@ -1,4 +1,4 @@
-"""Expected properties of a kit's models, from formulas and the manifest: volumes, faces, centres of mass, tolerances."""
+"""Expected properties of a kit's models, computed from the manifest: volumes, faces, centres of mass, tolerances."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from tactape_fab.verify.models.step_text import StepText, written_steps
 VOLUME_TOLERANCE = 1e-7
 """Relative tolerance of a STEP solid's volume against the formulas."""
 COARSE_VOLUME_TOLERANCE = 1e-6
-"""The same of spheres bounded by splines, which readers integrate by fixed points."""
+"""The same for spheres bounded by splines, which readers integrate at fixed Gauss points."""
 LOOSE_VOLUME_TOLERANCE = 1e-5
-"""The same of blocks on a cylinder where a reader draws ellipses as exactly as the file says, 1e-6 mm: 1e-6 at 150 x 80 mm."""
+"""The same for blocks on a cylinder if a reader approximates ellipses to the file's precision of 1e-6 mm: 1e-6 at 150 x 80 mm."""
 EMBOSSED_VOLUME_TOLERANCE = 1e-3
-"""Relative tolerance of an embossed STEP solid's volume against its mesh, which has chords in place of curves."""
+"""Relative tolerance of an embossed STEP solid's volume against its mesh, which approximates curves by chords."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Expected:
     """Properties that every reader must find.
 
-    tolerance: Relative, of a STEP solid's volume.
-    loose_tolerance: The same of a reader whose precision is the file's own.
+    tolerance: Relative tolerance of a STEP solid's volume.
+    loose_tolerance: The same for readers that use the file's precision.
     faces: Number of faces in the text of the STEP solid; 0 without one.
     centre_mm (3,): Centre of mass of the STEP solid, mm, if a short formula gives it.
-    steps: What this version writes as the STEP files, by role; empty for the user's own part.
+    steps: The STEP files that this version writes, by role; empty for the user's own part.
     """
 
     volume_mm3: float
@@ -76,7 +76,7 @@ def expected_of_embossed(volume_mm3: float, bodies: int, files: Mapping[str, Wri
         volume_mm3=volume_mm3,
         tolerance=EMBOSSED_VOLUME_TOLERANCE,
         loose_tolerance=EMBOSSED_VOLUME_TOLERANCE,
-        # the manifest's volume is that of this mesh: readers may sum it in single precision
+        # the manifest's volume is that of this mesh, but readers may sum it in single precision
         mesh_tolerance_mm3=1e-4 * volume_mm3,
         faces=faces_of(files),
         bodies=bodies,
@@ -91,7 +91,7 @@ def film_centre_mm(tape: Tape) -> tuple[float, float, float]:
     whole = w * h - (4 - pi) * r**2
     holes = np.array(tape.board.holes).reshape(-1, 3)
     areas = pi / 4 * holes[:, 2] ** 2
-    # first moments: the outline is symmetrical about its middle, each hole takes its area away at its own place
+    # first moments: that of the symmetric outline about its middle, less that of each hole
     middle = (whole * np.array([w, h]) / 2 - areas @ holes[:, :2]) / (whole - areas.sum())
     return float(middle[0]), float(middle[1]), -tape.board.thickness_mm / 2
 
@@ -107,7 +107,7 @@ def solid_centre_mm(tape: Tape, form: SolidForm) -> FloatArray | None:
     parts = tape.part_count * element
     middle = np.array([*tape.part_xy_mm().mean(axis=0), height / 2])
     if form.negative:
-        # a slab as high as cavities and base together, less the cavities, which hang down from z = 0 to the height in this frame
+        # a slab as high as cavities and base together, less the cavities, which in this frame extend from z = 0 to the height
         base = solid_volume_mm3(tape, form) + parts
         centre = (base * np.array([x, y, (height + form.base_mm) / 2]) - parts * middle) / (base - parts)
         # half a turn about board y, as the file has it

@@ -1,4 +1,4 @@
-"""Solid models read back without a CAD kernel: STL measured and decoded, 3MF against it, STEP as text."""
+"""Checks of solid models without a CAD kernel: STL measured and decoded, 3MF compared with it, STEP as text."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ from tactape_fab.verify.symbols import check_symbols
 
 PLACE_TOLERANCE_MM = 0.001
 STL_PLACE_TOLERANCE_MM = 0.005
-"""Place tolerance in an STL, whose coordinates have 24 bits of mantissa, and where a dome's rings are polygons."""
+"""Place tolerance in an STL, whose coordinates have 24 bits of mantissa, and in which a dome's rings are polygons."""
 _CHORD_TOLERANCE_MM = 0.002
 _DOME_CHORDS = 1.05
-"""Volume that chords may cut off a dome on a curved base, where its foot is not round, over that on a flat one."""
+"""Factor on the volume that chords may cut off a dome if its base is curved, as its foot is then not a circle."""
 _MOST_MODEL_BYTES = 2 << 30
 _TEXT_PER_TRIANGLE = 300
 _POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
@@ -67,7 +67,7 @@ _OCCURRENCE = re.compile(
 def check_models(
     tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], mesh: Mesh, cpl: CplContent | None
 ) -> list[Check]:
-    """Check every model of a kit that numpy alone can read; `mesh` is that of its STL."""
+    """Check every model of a kit that numpy can read; `mesh` is that of its STL."""
     checks = [
         _check_mesh(tape, form, mesh, stl_problems(files["stl"].data)),
         *_check_elements(tape, form, mesh),
@@ -92,22 +92,22 @@ def _check_mesh(tape: Tape, form: SolidForm, mesh: Mesh, file_problems: Sequence
 
 
 def mesh_volume_tolerance_mm3(tape: Tape, form: SolidForm) -> float:
-    """Allowed difference between the volumes of a mesh and its solid, mm^3: chords cut off a little of every curve."""
+    """Allowed difference between the volumes of a mesh and its solid, mm^3, as chords cut off a little of every curve."""
     dome = 0.0
     if tape.part.shape == "dome":
-        # of one dome as it is meshed on a plane, without the part below its foot
+        # volume of one dome as meshed on a plane, without the part below its foot
         vertices, faces = closed_element(tape.part, 0.0)
         chords = element_volume_mm3(tape.part) - Mesh(vertices_mm=vertices, faces=faces).volume_mm3
         dome = _DOME_CHORDS * tape.part_count * chords
     width, height = tape.board.size_mm
-    # walls of outline and holes may be off by a chord's sagitta over their whole area, rounded or not
+    # walls of outline and holes may be off by a chord's sagitta over their whole area
     deep_mm = form.base_mm + (tape.part.body_mm[2] if form.negative else 0.0)
     curved_mm2 = (2 * (width + height) + sum(pi * d for _, _, d in tape.board.holes)) * deep_mm
     if form.cylinder is not None:
         along, across = (width, height) if form.cylinder.around == "x" else (height, width)
         back_mm = form.cylinder.radius_mm + (form.base_mm + tape.part.body_mm[2] if form.negative else 0.0)
         length = form.cylinder.circumference_mm if form.cylinder.shell == "whole" else along
-        # one set of cuts for both sides: on a larger radius the area grows with it, and so does the sagitta
+        # both sides have the same cuts, so that area and sagitta grow with the radius
         curved_mm2 = length * across * max(back_mm / form.cylinder.radius_mm, 1.0) ** 2
     return dome + 1e-5 * solid_volume_mm3(tape, form) + _CHORD_TOLERANCE_MM * curved_mm2
 
@@ -128,7 +128,7 @@ def _check_elements(tape: Tape, form: SolidForm, mesh: Mesh) -> list[Check]:
 
 
 def _place_problems(tape: Tape, cells: IntArray, centres_mm: FloatArray, tolerance_mm: float) -> tuple[list[str], float]:
-    """Fault of the element centres found in cells, and the largest distance from a nominal centre, um."""
+    """Problems of the element centres found in cells, and the largest distance from a nominal centre, um."""
     # row * columns + column, as `cells_of` numbers them
     grid = tape.cells() @ (1, tape.columns)
     order = np.argsort(grid, kind="stable")
@@ -146,23 +146,23 @@ def _place_problems(tape: Tape, cells: IntArray, centres_mm: FloatArray, toleran
 
 
 def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
-    """The one mesh of a 3MF file that unpacks to no more than `most_bytes`, in mm. Raises MeshError if it is not such a file."""
+    """The single mesh of a 3MF file, in mm. Raises MeshError for another file, or if it has more than `most_bytes` unpacked."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             *parts, model = archive.infolist() or [zipfile.ZipInfo()]
             if [part.filename for part in (*parts, model)] != [*THREEMF_PARTS, THREEMF_MODEL]:
                 raise MeshError("it is no 3MF package of one model")
-            # the relationships say which member is the model
+            # the relationships define which member is the model
             if any(read_member(archive, part, _MOST_PART_BYTES) != THREEMF_PARTS[part.filename] for part in parts):
                 raise MeshError("its package is not written as usual")
-            # readers look for the archive from either end
+            # readers may search for the archive from either end
             if not data.startswith(_ZIP_START) or data[-_ZIP_END_BYTES:].find(_ZIP_END) != 0:
                 raise MeshError("other bytes stand before or behind its package")
             text = read_member(archive, model, most_bytes)
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
         raise MeshError(f"it cannot be unpacked: {error}") from error
-    # as this tool writes it: one object, placed once, nothing put together or moved, without comments or tags
-    # in another form that another reader could take for the model
+    # in this tool's form: one object, placed once, without components or transforms, and without comments or
+    # tags in another form that another reader might take for the model
     head, _, rest = text.partition(b"<vertices>\n")
     points, _, rest = rest.partition(b"</vertices>\n<triangles>\n")
     corners, _, tail = rest.partition(b"</triangles>\n")
@@ -187,7 +187,7 @@ def check_threemf(data: bytes, stl: Mesh) -> Check:
         mesh = read_threemf(data, 1_000_000 + _TEXT_PER_TRIANGLE * len(stl.faces))
     except MeshError as error:
         return Check(name="3mf", passed=False, message=str(error))
-    # six decimals in the 3MF, 24 bits of mantissa in the STL: the rounding of both, with room
+    # six decimals in the 3MF, 24 bits of mantissa in the STL: the rounding of both, with a margin
     tolerance = 2e-6 + 2.0**-23 * float(np.abs(stl.vertices_mm).max())
     alike = mesh.faces.shape == stl.faces.shape
     error_mm = float(np.abs(mesh.corners_mm - stl.corners_mm).max()) if alike else 0.0
@@ -200,29 +200,29 @@ def check_threemf(data: bytes, stl: Mesh) -> Check:
 
 
 def _anchors(tape: Tape, data: bytes) -> FloatArray:
-    """Points in a solid's text that show where elements are: corners of blocks, centres of spheres and cones, mm; (n, 3).
+    """Points in a STEP text that give the elements' places: corners of blocks, centres of spheres and cones, mm; (n, 3).
 
-    Raises ValueError if the text holds something that is not a point.
+    Raises ValueError if a referenced entity is not a point.
     """
-    # by name, as vertices and placements refer to their points in any order
+    # by entity name, as vertices and placements refer to points in any order
     points = {_name_before(data, found.start()): found[1] for found in _POINT.finditer(data)}
     if tape.part.shape == "block":
-        # corners of the base are among them: they are not raised, and fall out later
+        # corners of the base are included; they are not raised, and are dropped later
         wanted = _VERTEX.findall(data)
     else:
         axes = dict(_AXES.findall(data))
         wanted = [axes[name] for name in _ROUND.findall(data) if name in axes]
-    # joined and split as a whole: one list of texts for each point takes twice as long
+    # joined and split as a whole, as a list of texts per point takes twice as long
     return _numbers([b",".join(points[name] for name in wanted if name in points).split(b",")], np.float64)
 
 
 def _name_before(data: bytes, end: int) -> bytes:
-    """Digits of the entity name that ends there. The search runs from the end: a reference starts in the same way as a name."""
+    """Digits of the entity name that ends at `end`, searched backwards, as references look like names."""
     return data[data.rfind(b"#", max(end - _LONGEST_NAME, 0), end) + 1 : end]
 
 
 def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDArray[Any]:
-    """Rows of three numbers each; shape (n, 3). Raises ValueError if a value is not a number, or a row does not have three."""
+    """Rows of three numbers; shape (n, 3). Raises ValueError if a value is not a number, or a row does not have three."""
     flat = list(chain.from_iterable(rows))
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # numpy's warning for text after the last number
@@ -230,16 +230,16 @@ def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDA
             numbers = np.fromstring(b" ".join(flat), dtype=kind, sep=" ")
         except DeprecationWarning as warning:
             raise ValueError(str(warning)) from warning
-    # a value such as "1 2" would give two numbers, and shift all that follow
+    # a value such as "1 2" would give two numbers, and shift all following ones
     if len(numbers) != len(flat):
         raise ValueError(f"{len(numbers)} numbers where there are {len(flat)}")
-    if kind is np.float64 and numbers.size and not np.abs(numbers).max() <= _FURTHEST:  # NaN included
+    if kind is np.float64 and numbers.size and not np.abs(numbers).max() <= _FURTHEST:  # true for NaN as well
         raise ValueError("a number that is none, or far beyond any part")
     return numbers.reshape(-1, 3)
 
 
 def _text_place_problems(tape: Tape, form: SolidForm, data: bytes) -> list[str]:
-    """Check that the elements of a STEP solid, and the corners of blocks, are at the manifest's places."""
+    """Problems of elements of a STEP solid, and of corners of blocks, that are not at the manifest's places."""
     try:
         anchors = _anchors(tape, data)
     except ValueError:
@@ -264,7 +264,7 @@ def _check_solid_text(tape: Tape, form: SolidForm, data: bytes) -> Check:
     faces, own = data.count(b"=ADVANCED_FACE("), tape.part_count * of_element
     if (solids, shells) != (1, 1):
         problems.append(f"{solids} solids of {shells} shells instead of one")
-    # a base has a top, a back and a wall at least
+    # a base has at least a top, a back and a wall
     if faces < own + 3:
         problems.append(f"{faces} faces, fewer than the {own} of {tape.part_count} elements and a base")
     if not problems:
@@ -287,7 +287,7 @@ def _check_assembly_text(tape: Tape, data: bytes, cpl: CplContent | None) -> Che
         problems.append(f"{len(names)} occurrences where the CPL has {len(designators)}: {named(odd) or 'a name occurs twice'}")
     else:
         places = dict(zip(designators, xy, strict=True))
-        # the pattern lets only digits, sign and point through, so no value fails here
+        # the pattern admits only digits, sign and point, so that the conversion cannot fail
         written = np.array([row[:3] for row in found], dtype="S").astype(np.float64)
         off = np.hypot(*(written[:, :2] - np.array([places[name] for name in names])).T) + np.abs(written[:, 2])
         error_mm = float(off.max())

@@ -1,7 +1,7 @@
-"""Reads STEP files with OCCT, the kernel that build123d brings, and prints what it found as JSON.
+"""Reads STEP files with OCCT, the CAD kernel of build123d, and prints its findings as JSON.
 
-Run in its own process, `python -m tactape_fab.verify.models.occt_reader FILE...`: if a file crashes the kernel, the
-verification gets an answer.
+It runs in its own process, `python -m tactape_fab.verify.models.occt_reader FILE...`, so that a file that crashes the
+kernel does not end the verification.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any
 from tactape_fab.base.launch import limit_self
 
 _PRECISION_MM = 1e-7
-"""OCCT's least. By the 1e-6 mm of the file it draws the ellipses of blocks on a cylinder so roughly that volumes are off by up to
-1e-6 of them, more the larger the tape is.
+"""OCCT's smallest precision. With the file's 1e-6 mm it approximates the ellipses of blocks on a cylinder so coarsely that
+volumes have relative errors of up to 1e-6, growing with the tape.
 """
 
 
 def read_shape(path: str, *, precise: bool = True) -> dict[str, Any]:
-    """Solids, shells, faces, validity and volume of a STEP file; `precise` if all of it is this tool's."""
+    """Solids, shells, faces, validity and volume of a STEP file; `precise` if this tool wrote all of it."""
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.Interface import Interface_Static
@@ -46,8 +46,8 @@ def read_shape(path: str, *, precise: bool = True) -> dict[str, Any]:
 def _mass(solid: Any) -> list[float]:
     """Volume (mm^3) and centre of mass (mm) of a solid.
 
-    By fixed Gauss points, as FreeCAD: exact but for domes on a cylinder, which are off by 2e-7 (`COARSE_VOLUME_TOLERANCE`).
-    Integrals to 1e-9 took OCCT three times as long as everything else.
+    Integrated at fixed Gauss points, as in FreeCAD: exact except for domes on a cylinder, with relative errors of 2e-7
+    (`COARSE_VOLUME_TOLERANCE`). Integration to 1e-9 took OCCT three times as long as everything else.
     """
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
@@ -63,7 +63,7 @@ def _bounds(solid: Any) -> list[float]:
     from OCP.BRepBndLib import BRepBndLib
 
     box = Bnd_Box()
-    # exact bounds, of the shape and not of a mesh, without adding tolerances
+    # exact bounds of the shape, not of its mesh, without tolerances
     BRepBndLib.AddOptimal_s(solid, box, False, False)
     return [*_xyz(box.CornerMin()), *_xyz(box.CornerMax())]
 
@@ -82,7 +82,7 @@ def _explore(shape: Any, kind: Any) -> Any:
 
 
 def read_assembly(path: str) -> dict[str, Any]:
-    """Occurrences of a STEP assembly: name, place and direction of the local x axis of each, and of their solids."""
+    """Occurrences of a STEP assembly: name, place and axes of each, and the solids of its products."""
     from OCP.STEPCAFControl import STEPCAFControl_Reader
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDF import TDF_ChildIterator
@@ -128,7 +128,7 @@ def _name(label: Any) -> str:
 
 
 def main(*, precise: bool = True) -> None:
-    """Read the solid named first and the assembly named second; '-' means no file. More: limits of time (s), memory (bytes)."""
+    """Read the files of the arguments: solid and assembly, '-' for none; then the limits of time (s) and memory (bytes)."""
     import OCP.STEPCAFControl  # noqa: F401  what loading the kernel takes is no cost of a file
 
     solid, assembly, *limits = sys.argv[1:]

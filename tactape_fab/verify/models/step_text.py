@@ -1,6 +1,6 @@
-"""A kit's STEP files as text: units, solids and shells, without a CAD kernel, and entities counted before a kernel is given them.
+"""Checks of a kit's STEP files as text, without a CAD kernel: units, solids, shells, and numbers of entities.
 
-A small file can keep a kernel busy for hours.
+Entities are counted before a kernel reads a file, as a small one can keep it busy for hours.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ from tactape_fab.verify.files import WrittenFile
 
 _LONGEST_HEADER = 2_000
 _MORE = 1.5
-"""Entities of a kind that another version may have written, of those that this one writes."""
+"""Factor on the number of entities of a kind that this version writes, up to which another version may have written a file."""
 _SPARE = 50
 _COLOUR = re.compile(rb"COLOUR_RGB\('',[\d.,]{1,60}\)")
 _KEYWORD = re.compile(rb"(?<![A-Za-z0-9_])([A-Za-z]\w*)\s*\(")
 _DATE, _RGB = datetime(1980, 1, 1, tzinfo=timezone.utc), (0.0, 0.0, 0.0)
 
 MOST_UNCERTAINTY_MM, MOST_OF_PART_MM = 1e-5, 0.1
-"""Largest uncertainty of points: of a kit, which says 1e-6 mm, and of the user's part, whose mean tolerance OCCT states."""
+"""Largest uncertainty of points: in a kit, which states 1e-6 mm, and for the user's part, for which OCCT states its mean
+tolerance."""
 _UNITS = {
     b"(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))",
     b"(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))",
@@ -40,13 +41,13 @@ _UNITS = {
 _UNCERTAINTY = re.compile(rb"UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\((\d{1,9}\.\d{0,30}(?:E[+-]?\d{1,3})?)\),")
 _ASSIGNED = re.compile(rb"_ASSIGNED_CONTEXT\(\(([#\d,]+)\)\)")
 _LONGEST = 1_000
-"""Bytes of an entity that are looked at; those about units and representations are shorter."""
+"""Bytes of an entity that are examined; those about units and representations are shorter."""
 _AT_ONCE, _ROOM = 1 << 20, bytes(32)
 _MOST_DIGITS = 9
-"""Of a name: as many fit into 32 bits, and no file of a kit has as many entities."""
+"""Most digits of an entity's name: so many fit in 32 bits, and no file of a kit has so many entities."""
 _SHELL, _FACE, _BOUND, _LOOP, _USE = 1, 2, 4, 8, 16
 _KINDS = {
-    # bytes 6 to 13 of a keyword: the first eight of ADVANCED_FACE are those of other kinds, too
+    # bytes 6 to 13 of a keyword, as the first eight of ADVANCED_FACE are those of other kinds as well
     int.from_bytes(part, "little"): np.uint8(kind)
     for part, kind in {
         **{b"D_SHELL(": _SHELL, b"CED_FACE": _FACE, b"BOUND(''": _BOUND},
@@ -57,11 +58,11 @@ _KINDS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepText:
-    """The data section of a STEP file, its colours left out.
+    """The data section of a STEP file, without colours.
 
     digest: Its SHA-256.
-    count: Entities of each kind.
-    plain: Whether all before it is a short header, and nothing in it is a comment.
+    count: Number of entities by kind.
+    plain: Whether it follows a short header, and has no comments.
     """
 
     digest: bytes
@@ -73,7 +74,7 @@ def step_text(data: bytes) -> StepText:
     """The data section of a STEP file (ISO 10303-21), not parsed."""
     header, _, body = data.partition(b"\nDATA;\n")
     return StepText(
-        # colours are no part of a shape, and are not known here
+        # colours are not part of the shape, and not known here
         digest=hashlib.sha256(_COLOUR.sub(b"", body)).digest(),
         count=Counter(word.upper() for word in _KEYWORD.findall(body)),
         plain=len(header) < _LONGEST_HEADER and b"/*" not in data,
@@ -81,7 +82,7 @@ def step_text(data: bytes) -> StepText:
 
 
 def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile]) -> dict[str, StepText]:
-    """STEP files of a tape as this version writes them, those that `files` has, by role."""
+    """The STEP files in `files` as this version writes them for the tape, by role."""
     title = f"{tape.name} mould" if form.negative else tape.name
     steps = {"step-solid": step_text(solid_step(tape, form, name=title, date=_DATE, rgb=_RGB))}
     if "step-assembly" in files:
@@ -90,27 +91,27 @@ def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile])
 
 
 def strange(found: StepText, own: StepText) -> str | None:
-    """Fault of a STEP file that no version writes for this tape; None if it may be given to a CAD kernel."""
+    """Problem of a STEP file that no version would write for this tape; None if a CAD kernel may read it."""
     if not found.plain:
         return "it has comments or a long header"
-    # kinds that this version does not write have no entry, so that one of them is one too many
+    # kinds that this version does not write have no entry, so none is allowed
     most = {kind: _MORE * count + _SPARE for kind, count in own.count.items()}
     many = [f"{count} of {kind.decode()[:60]}" for kind, count in found.count.items() if count > most.get(kind, 0)]
     return f"it holds entities that such a tape has no use for: {named(many)}" if many else None
 
 
 def step_problems(data: bytes, most_mm: float = MOST_UNCERTAINTY_MM) -> list[str]:
-    """Faults of a STEP file that need no tape: of its end, comments, units, their uncertainty, and what it shows as solids."""
-    whole = data.startswith(b"ISO-10303-21;") and data[-64:].rstrip().endswith(b"END-ISO-10303-21;")  # a copy of all is large
+    """Problems of a STEP file that do not depend on the tape: its end, comments, units, uncertainty, and solids."""
+    whole = data.startswith(b"ISO-10303-21;") and data[-64:].rstrip().endswith(b"END-ISO-10303-21;")  # avoids a large copy
     problems = [] if whole else ["it is no whole ISO 10303-21 file"]
-    # what is found below by patterns may stand in a comment; one byte is sought eight times as fast as two
+    # the patterns below would match in comments; searching one byte is eight times as fast as two
     if b"/" in data and b"/*" in data:
         problems.append("it has a comment")
     return problems or [*islice(_unit_problems(data, most_mm), 3)]
 
 
 def _entities(data: bytes, word: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Name and text of entities with a word, without white space, as far as `_LONGEST`."""
+    """Name and text, without white space and up to `_LONGEST`, of the entities that contain a word."""
     end = 0
     while (at := data.find(word, end)) >= 0:
         start, end = data.rfind(b";", end, at) + 1, data.find(b";", at)
@@ -119,7 +120,7 @@ def _entities(data: bytes, word: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _unit_problems(data: bytes, most_mm: float) -> Iterator[str]:
-    """Faults of the units, of all contexts that have units, and of the representations that show solids in them."""
+    """Problems of units, of the contexts with units, and of the representations of solids in these."""
     known, contexts = dict[bytes, bytes](), dict[bytes, list[bytes]]()
     for name, text in _entities(data, b"UNIT"):
         if (found := _UNCERTAINTY.match(text)) is not None:
@@ -148,12 +149,12 @@ def _unit_problems(data: bytes, most_mm: float) -> Iterator[str]:
 
 
 def shell_problems(data: bytes) -> Iterator[str]:
-    """Faults of closed shells as this tool writes them: each bound is named once, each edge used once in each direction."""
+    """Problems of closed shells: each bound must be referenced once, and each edge used once in each direction."""
     own, named_by, uses, turned = [], [], [], False
     start = max(data.find(b"\nDATA;\n"), 0)
     while start < len(data):
         end = data.find(b";", start + _AT_ONCE) + 1 or len(data)
-        # an entity before all: no name stands outside of one
+        # preceded by a dummy entity, so that every name is in an entity
         chunk = b"".join((b"#0=", _ROOM, data[start:end], _ROOM))
         start, text = end, np.frombuffer(chunk, dtype=np.uint8)
         after = np.flatnonzero(text == ord("#")) + 1
@@ -169,12 +170,12 @@ def shell_problems(data: bytes) -> Iterator[str]:
         words = np.ndarray(len(chunk) - 8, dtype="<u8", buffer=chunk, strides=(1,))[after[defined] + 6]
         kinds = sum((words == word) * kind for word, kind in _KINDS.items())
         kind = np.asarray(kinds)[np.cumsum(defined) - 1]
-        # only names of these kinds, and in them
+        # only names of entities of these kinds, and references in them
         kept = np.flatnonzero(kind)
         kind, names, after, defined = kind[kept], names[kept], after[kept], defined[kept]
         forward, logical = text[after + 2] == ord("T"), text[after + 1] == ord(".")
         own.append(names[defined & (kind != _SHELL)])
-        # of a face, the name before its sense is that of its surface
+        # in a face the reference before its sense is that of its surface
         named_by.append(names[~defined & (kind != _USE) & ~((kind == _FACE) & logical)])
         use = ~defined & (kind == _USE)
         uses.append(2 * names[use].astype(np.int64) + forward[use])

@@ -1,4 +1,4 @@
-"""Map of the information limit: where on a tape a contact of a given size can be located by any sensor."""
+"""Map of the information limit: where on a tape a contact of a given size can be located with error-free dots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 
 TURNS = 3
-"""Number of angles tried at each place; an ellipse repeats after half a turn."""
+"""Number of angles tried at each place, within half a turn, after which an ellipse repeats."""
 _PLACES, _LEAST_STEP_MM = 800, 1.0
 _GOLDEN_DEG = 180.0 * (sqrt(5) - 1) / 2
 
@@ -22,7 +22,7 @@ class Coverage:
     """Fraction of the angles at which a contact is located, by the place of its centre.
 
     x_mm, y_mm (m,), (n,): Texture frame, evenly spaced.
-    share (n, m): 0 to 1.
+    share (n, m): Fraction from 0 to 1.
     """
 
     x_mm: FloatArray
@@ -31,9 +31,9 @@ class Coverage:
 
 
 def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: None) -> Coverage:
-    """Apply the decoder's rule at each place of the board to dots exactly at the tape's places.
+    """Apply the decoder's decision rule at each place of the board to dots exactly at the parts' places.
 
-    contact: Its noise and its elastomer are not used.
+    contact: Noise and elastomer are ignored.
     """
     from tactape_fab.verify.trip.limit import error_free, rule_of
 
@@ -47,7 +47,7 @@ def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: No
     share = np.zeros((len(y_mm), len(x_mm)))
     for place, (j, i) in enumerate(np.ndindex(share.shape)):
         for turn in range(TURNS):
-            # the golden angle of half a turn spreads the angles of neighbouring places evenly: three of them a place do for a map
+            # golden-ratio steps of half a turn spread the angles of neighbouring places evenly, so three per place suffice
             theta_deg = (place * _GOLDEN_DEG + turn * 180.0 / TURNS) % 360.0 - 180.0
             share[j, i] += error_free(rule, np.array([x_mm[i], y_mm[j], theta_deg]), contact.scene).located
         progress("map: place", place + 1, share.size)
@@ -55,6 +55,6 @@ def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: No
 
 
 def _middles(length_mm: float, step_mm: float) -> FloatArray:
-    """Centres of equal steps that fill a length, mm."""
+    """Centres of equal intervals that fill a length, mm."""
     count = max(round(length_mm / step_mm), 1)
     return (np.arange(count) + 0.5) * length_mm / count

@@ -27,14 +27,14 @@ _ALL, _SOME, _NONE = (247, 220, 180), (120, 225, 250), (90, 150, 235)
 _GOOD, _OPEN, _BAD = (178, 90, 0), (40, 40, 40), (110, 20, 160)
 """Colours, BGR as in OpenCV: blue, yellow and orange, which colour-blind readers can tell apart, with hatching as well."""
 _SIZE = -1
-"""The outline of a contact in the legend, beside the outcomes of a `Trip`."""
+"""Entry of the legend for the outline of a contact; the others are outcomes of a `Trip`."""
 
 
 def refuse_map(kit: str | Path, file: str | Path, *, overwrite: bool = False) -> Path:
     """Check the path of a map.
 
     Raises SpecError if it does not end with .png, its folder does not exist, it is taken and `overwrite` does not allow it, or it
-        lies in the kit, which holds no file that its manifest does not list.
+        is in the kit, which must not have files that its manifest does not list.
     """
     path, folder = Path(file), find_manifest(kit).parent
     try:
@@ -58,11 +58,11 @@ def map_kit(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write the map of a kit; nothing for a texture on a part, which is not a plane.
+    """Write the map of a kit; no map for a texture on a user's part, which is not flat.
 
-    path: As `refuse_map` gives it.
+    path: Result of `refuse_map`.
     contact: Sensor and size of the contacts.
-    trips: Round trips of its verification, drawn too.
+    trips: Round trips of the kit's verification, whose contacts are drawn as well.
     progress: Called with a text, the amount done and the total.
     Raises SpecError when the manifest cannot be read.
     Raises TactapeError when the map cannot be written.
@@ -155,15 +155,15 @@ def _legend(contact: Contact, trips: Sequence[Trip]) -> list[tuple[float | int, 
 
 
 def _areas(coverage: Coverage, shape: tuple[int, int]) -> Picture:
-    """Cells of a coverage stretched over a board of some pixels."""
-    # nearest cell: a cell is an answer at its middle, which interpolation would blur
+    """Picture of a coverage's cells, scaled to the board's size in pixels."""
+    # nearest-neighbour scaling, as each cell is a single answer at its middle
     rows = np.arange(shape[0]) * len(coverage.y_mm) // shape[0]
     columns = np.arange(shape[1]) * len(coverage.x_mm) // shape[1]
     return _hatched(coverage.share[rows[:, None], columns[None]])
 
 
 def _hatched(share: FloatArray) -> Picture:
-    """Colour of each pixel, hatched in one direction where the fraction is below 1, and in both where it is 0."""
+    """Colour of each pixel, hatched in one direction if the fraction is below 1, and in both if it is 0."""
     v, u = np.indices(share.shape)
     picture = np.empty((*share.shape, 3), dtype=np.uint8)
     picture[:] = _SOME
@@ -231,7 +231,7 @@ def _text(picture: Picture, text: str, at: tuple[int, int], size: float = 0.58) 
 
 
 def _fixed(at: tuple[float, float]) -> tuple[int, int]:
-    # OpenCV draws at fixed-point places with so many fractional bits
+    # fixed-point coordinates for OpenCV's `shift`
     return round(at[0] * 2**_SUBPIXEL), round(at[1] * 2**_SUBPIXEL)
 
 

@@ -1,4 +1,4 @@
-"""Why measured parts decode elsewhere: shifted, mirrored, turned, or parts of another sector or code."""
+"""Explanation why measured parts decode elsewhere: shifted, mirrored, turned, or parts of another sector or code."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from tactape_fab.texture.windows import windows_of
 _LEAST_AGREEMENT = 0.5
 """Fraction of the whole windows that must give the same place."""
 _LEAST_ORDER = 0.5
-"""Least agreement of parts with a grid: 1 is of parts on its points, 0 is random."""
+"""Least agreement of parts with a grid: 1 for parts exactly on its points, 0 for random ones."""
 _LEAST_OF_OWN = 2.0 / 3.0
-"""The same as a fraction of what the tape's own parts have, which is (1 + cos(2 pi Δ/W)) / 2: below 0.5 from W/4 on."""
+"""The same as a fraction of the agreement of the tape's own parts, (1 + cos(2 pi Δ/W)) / 2, which is below 0.5 from W/4 on."""
 _MOST_CELLS = 4_000_000
 _TOLERANCE_MM = 0.001
 _MIRROR = np.array([[-1.0, 0.0], [0.0, 1.0]])
 _QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
-"""A quarter turn counter-clockwise as the tape is looked at, y being down: rows of points times its transpose."""
+"""Rotation matrix of a quarter turn counter-clockwise as seen on the tape, for y down; rows of points are multiplied by its
+transpose."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Named:
-    """The place in a code that most windows give, their fraction, and the resulting offset from the manifest's grid, mm."""
+    """The place in a code that most windows give, their fraction, and the offset from the manifest's grid, mm."""
 
     share: float
     code: str
@@ -42,7 +43,7 @@ class _Named:
 def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
     """Describe how measured parts differ from a tape's.
 
-    tape: As the manifest has it.
+    tape: The manifest's tape.
     xy_mm (n, 2): Measured centres, board frame.
     Returns: None if they are at the tape's places.
     """
@@ -61,19 +62,19 @@ def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
 
 
 def _in_place(tape: Tape, texture_mm: FloatArray) -> bool:
-    """Whether every part is at a place of the tape's, whatever its displacement."""
+    """Whether every part is at a grid point of the tape, with any displacement."""
     cell = np.rint(texture_mm / tape.pitch_mm)
     if (cell < 0).any() or (cell >= (tape.columns, tape.rows)).any():
         return False
-    cell = cell.astype(np.int64)  # only here: a file may place a part farther away than an integer counts
+    cell = cell.astype(np.int64)  # after the check, as a file may have coordinates beyond an integer's range
     places_mm = cell * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[tape.symbols[cell[:, 1], cell[:, 0]]]
     return bool(np.abs(texture_mm - places_mm).max() <= _TOLERANCE_MM)
 
 
 def _order(texture_mm: FloatArray, pitch_mm: float) -> float:
-    """Agreement of parts with a grid, along the axis where it is least."""
-    # mean resultant of the phases along each axis; where half of the parts are displaced along it, it is
-    # (1 + cos(2 pi Delta / W)) / 2 for exact ones: 0.75 at Delta = W / 6
+    """Agreement of parts with a grid of this pitch, the smaller one of both axes."""
+    # mean resultant length of the phases along each axis: for exact parts, half of them displaced along it,
+    # (1 + cos(2 pi Delta / W)) / 2, which is 0.75 at Delta = W / 6
     return float(np.abs(np.exp(2j * np.pi * texture_mm / pitch_mm).mean(axis=0)).min())
 
 
@@ -89,16 +90,16 @@ def _best(tape: Tape, texture_mm: FloatArray) -> _Named | None:
 
 
 def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarters: int) -> _Named | None:
-    """The place that the windows give once a mirror and some quarter turns of the tape are undone."""
-    # a turn of the whole tape: undone before symbols are read, as it turns their directions too
+    """The place that the windows give after a reflection and quarter turns of the tape are undone."""
+    # a rotation of the whole tape also rotates the symbols, so it is undone before these are read
     upright = texture_mm @ np.linalg.matrix_power(_QUARTER, -quarters).T
     if mirrored:
         upright = upright @ _MIRROR
-    # circular mean of the places modulo the pitch: displacements to both sides cancel as far as the symbols are even
+    # circular mean of the places modulo the pitch; displacements cancel as far as symbols are balanced
     phase_mm = np.angle(np.exp(2j * np.pi * upright / tape.pitch_mm).mean(axis=0)) / (2 * np.pi) * tape.pitch_mm
     cell = np.rint((upright - phase_mm) / tape.pitch_mm)
     moved = upright - phase_mm - cell * tape.pitch_mm
-    # cells counted from the least that is taken; where that lies on the tape is what windows say
+    # cells relative to the first occupied one, whose place on the tape the windows give
     first = cell.min(axis=0)
     columns, rows = map(int, (cell.max(axis=0) - first + 1).tolist())
     if columns * rows > _MOST_CELLS:
@@ -115,18 +116,18 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
     if min(columns, rows) < window:
         return None
     places = _places_in_matrix(tape, symbols) if code.plane is None else locate_windows(code.plane, symbols)
-    # cells without a part have symbol 0 and would decode to something
+    # cells without a part have symbol 0, and would be decoded as such
     whole = np.lib.stride_tricks.sliding_window_view(there, (window, window)).all(axis=(2, 3))
     r, c = np.nonzero(places.valid & whole)
     if len(r) == 0:
         return None
-    # less its own corner every window of one patch says the same origin: the most frequent one is the patch's
+    # a window's place less its corner is the patch's origin, for which the most frequent one is taken
     said = np.stack([places.sector[r, c], places.column[r, c] - c, places.row[r, c] - r], axis=1)
     kinds, times = np.unique(said, axis=0, return_counts=True)
     sector, origin_column, origin_row = kinds[times.argmax()].tolist()
     plane = np.array([origin_column, origin_row]) - tape.origin
-    rest_mm = np.median(moved - tape.displacement_mm * DIRECTIONS_XY[shown], axis=0)  # uneven symbols bias the phase
-    # found: phase + (first + c) W; by the manifest: (plane + c) W for the same window
+    rest_mm = np.median(moved - tape.displacement_mm * DIRECTIONS_XY[shown], axis=0)  # unbalanced symbols bias the phase
+    # the window is at phase + (first + c) W, and by the manifest at (plane + c) W
     offset = phase_mm + rest_mm + (first - plane) * tape.pitch_mm
     return _Named(
         share=float(times.max() / whole.sum()),
@@ -140,11 +141,11 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
 
 
 def _places_in_matrix(tape: Tape, symbols: SymbolArray) -> WindowPlaces:
-    """Places of the windows in the tape's own matrix; for a touch code nothing else is known."""
+    """Places of the windows in the tape's own matrix, for a designed code, which has no other places."""
     side = get_code(tape.code).window
     known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=1, directions=tape.directions)
     seen = windows_of(symbols, np.ones(symbols.shape, dtype=bool), side, turns=1, directions=tape.directions)
-    # one word holds a window: 4 x 4 symbols of 3 bits are 48 of its 64; sorted for a binary search
+    # a window fits in one word: 4 x 4 symbols of 3 bits are 48 of 64; sorted for a binary search
     order = known.words[0][0].argsort(kind="stable")
     words = known.words[0][0][order]
     at = np.minimum(np.searchsorted(words, seen.words[0][0]), len(words) - 1)
@@ -167,11 +168,11 @@ def _in_words(tape: Tape, named: _Named) -> str | None:
         said.append(f"it is turned by {(0, 90, 180, -90)[named.quarters]} deg")
     if said:
         return "; ".join(said)
-    # board y goes up, texture y down
+    # board y points up, texture y down
     x, y = round(named.offset_mm[0], 4) + 0.0, round(-named.offset_mm[1], 4) + 0.0
     if max(abs(x), abs(y)) <= _TOLERANCE_MM:
         return None
-    # farther than the board is no shift of a tape but another place of the code
+    # an offset larger than the board is another place of the code, not a shift of the tape
     if max(abs(x), abs(y)) > max(tape.board.size_mm):
         origins = "{},{}, not {},{}".format(*named.origin, *tape.origin)
         return f"its parts are those of sector {named.sector} at origin {origins}"
@@ -179,7 +180,7 @@ def _in_words(tape: Tape, named: _Named) -> str | None:
 
 
 def _shares(tape: Tape, x_mm: float, y_mm: float) -> str:
-    """The offset in pitches if it is a whole number of half pitches."""
+    """The offset as text in pitches, if it is a multiple of half a pitch."""
     halves = 2 * np.array([x_mm, y_mm]) / tape.pitch_mm
     if np.abs(halves - np.rint(halves)).max() > 0.01:
         return ""

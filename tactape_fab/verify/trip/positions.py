@@ -1,4 +1,4 @@
-"""Positions of the parts of a written kit, from each file that holds them: CPL, copper, STL."""
+"""Positions of a kit's parts, from each file that contains them: CPL, copper, STL."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tactape_fab.verify.models.raised import bounds_of_groups, is_raised
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Source:
-    """Parts in one file of the kit: the file's name for the user, and centres (mm) and rotations (deg) in the board frame."""
+    """Parts in one file of a kit: the file's name for the user; centres (mm) and rotations (deg) in the board frame."""
 
     name: str
     parts: Parts
@@ -32,15 +32,15 @@ def cpl_source(cpl: CplContent) -> Source:
 
 
 def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float, pairs: LandPairs | None = None) -> Source:
-    """Parts between the pairs of pads that a copper layer flashes.
+    """Parts at the middles of the pairs of pads in a copper layer.
 
     flash_xy_mm (m, 2)
-    offset_mm, rotation_deg: Half the distance of a pair, and its direction: tried as it is, mirrored, and turned by a right
-        angle.
-    pairs: Pairs found in that direction, if known.
+    offset_mm, rotation_deg: Half the distance of the lands of a pair, and its direction, which is also tried mirrored and turned
+        by 90 degrees.
+    pairs: Pairs in that direction, if known.
     """
     tried = [pair_lands(flash_xy_mm, offset_mm, rotation_deg) if pairs is None else pairs]
-    # pairs of a mirrored and of a turned copper layer: the trip must see its parts to say what is wrong with them
+    # also finds the parts of a mirrored or turned copper layer, so that the round trip can say what is wrong
     for turn_deg in dict.fromkeys((180.0 - rotation_deg, rotation_deg + 90.0)):
         if not len(tried[-1].alone):
             break
@@ -51,14 +51,14 @@ def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float
 
 
 def stl_source(tape: Tape, form: SolidForm, mesh: Mesh) -> Source:
-    """Elements of a solid: each connected patch of its mesh well above the base, at any place."""
+    """Elements of a solid: each connected part of its mesh that is well above the base."""
     points = unwrapped(mesh.vertices_mm, tape, form)
-    # triangles whose corners are all high: tops hang together, and no wall joins two of them
+    # triangles with all corners raised: a top is connected, and no wall joins two tops
     faces = mesh.faces[is_raised(tape, form, points)[mesh.faces].all(axis=1)]
     patch = patches(faces, len(points))
     used = np.unique(faces)
     _, number = np.unique(patch[used], return_inverse=True)
     count = int(number.max(initial=-1)) + 1
     low, most = bounds_of_groups(count, number, points[used, :2])
-    # the middle of the bounds, not of the vertices, which are denser where cuts of a cylinder cross
+    # the middle of the bounds, as vertices are denser where cuts of a cylinder cross
     return Source(name="STL", parts=Parts(xy_mm=(low + most) / 2, rotation_deg=np.full(count, tape.part.rotation_deg)))

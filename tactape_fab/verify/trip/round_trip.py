@@ -1,6 +1,6 @@
-"""Round trip: parts at the places of a written file -> depth maps of contacts -> decoded -> compared with the truth.
+"""Round trip: depth maps of contacts with parts at the places of a written file are simulated, decoded and compared.
 
-`quick_trip` decodes by the paper's method: nothing has to be compiled or loaded for it. `full_trips` uses `Localizer`.
+`quick_trip` decodes by the paper's method, which needs no compilation. `full_trips` uses `Localizer`.
 """
 
 from __future__ import annotations
@@ -38,27 +38,28 @@ Locate = Callable[[FloatImage], "Localization"]
 Excuse = Callable[[int, FloatArray], int]
 
 RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST, WRONG = range(7)
-"""Outcome of a contact. RIGHT: located at its place. LIMITED: not located, nor would error-free symbols suffice. NOISY: nor would
-the symbols as the sensor's noise shows them. BARELY: they suffice only without a margin, or if it is known which lower tops are
-parts. MISSED: they suffice, so the decoder missed it. LOST: the same, with parts misplaced in the file. WRONG: located elsewhere.
+"""Outcome of a contact. RIGHT: located at its place. WRONG: located elsewhere. Others are not located. LIMITED: error-free
+symbols would not suffice. NOISY: symbols with the sensor's noise would not suffice. BARELY: these suffice only without a margin,
+or if it is known which lower tops are parts. MISSED: they suffice, so the decoder missed it. LOST: the same, with parts misplaced
+in the file.
 """
 
 INSIDE, EDGE = 96, 48
-"""Number of contacts of the full round trip, divided among the sources: wholly on the field, and over its edge."""
+"""Number of contacts of the full round trip, divided among the sources: entirely on the field, and across its edge."""
 MANY_SECTORS, FEWER = 1000, 4
-"""A code with more sectors than this compares each contact with all of them, and gets so many times fewer contacts."""
+"""A code with more than `MANY_SECTORS`, with all of which each contact is compared, gets fewer contacts by the factor `FEWER`."""
 QUICK = 6
 MEASURED, SEEN_MM = 24, 0.02
-"""Contacts of parts at their measured places, and the scatter of parts from which these must be the better ones."""
+"""Number of contacts with parts at measured places, and the scatter from which measured places must give better answers."""
 
 _SEED = 0
 _STEP = "round trip: contact"
 _RIGHT_PITCHES, _RIGHT_DEG = 0.25, 10.0
 _QUICK_TOLERATED = 0.34
-"""Tolerated fraction of failures: the paper's method gives no bound and misses some contacts, mostly on narrow tapes."""
+"""Tolerated fraction of failures of the paper's method, which has no error bound and misses contacts, mostly on narrow tapes."""
 _QUICK_PITCH_PX = 24.0
 _QUICK_MARGIN = 2
-"""Grid points around a window in the view of the quick round trip's sensor."""
+"""Grid points beyond a window in the field of view of the quick round trip's sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,8 +69,8 @@ class Trip:
     poses (n, 3): x mm, y mm (texture frame), theta deg.
     outcome (n,): RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST or WRONG.
     error_um (n,): Distance from the true position; NaN where nothing was located.
-    reasons: Why contacts were not located.
-    tolerated: Share of the contacts that may be LOST, or WRONG: none where the decoder bounds its errors.
+    reasons: Reasons why contacts were not located.
+    tolerated: Fraction of the contacts that may be LOST or WRONG: 0 for a decoder that bounds its errors.
     """
 
     source: str
@@ -90,7 +91,7 @@ class Trip:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Contact:
-    """Contact settings: the sensor, and the scene, which holds the size of the contact."""
+    """Settings of contacts: the sensor, and the scene with the size of the contact."""
 
     sensor: SensorProfile
     scene: Scene
@@ -120,13 +121,13 @@ def read_contact(sensor: str = "gelsight-mini", size: object = None) -> Contact:
 
 
 def quick_trip(tape: Tape, source: Source) -> Trip:
-    """A few contacts, decoded by the paper's method on a sensor that sees a whole window in any direction.
+    """A few contacts, decoded by the paper's method with a sensor that sees a whole window at any angle.
 
-    That method cannot read the touch code, which has no windows: these contacts are decoded with all their dots.
+    That method cannot read designed codes, whose windows have no decoding rule: these contacts are decoded with all their dots.
     """
-    # 24 px a pitch whatever the tape: the paper's method has its figures in pixels
+    # 24 px per pitch for every tape, as the constants of the paper's method are in pixels
     px_per_mm = _QUICK_PITCH_PX / tape.pitch_mm
-    # a square that holds a window and its margin at 45 deg, the turn that takes most room
+    # a square that contains a window with its margin at 45 deg, the worst case
     side_px = ceil(sqrt(2) * (get_code(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
     sensor = SensorProfile(name="quick", title="", width_px=side_px, height_px=side_px, px_per_mm=(px_per_mm, px_per_mm))
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
@@ -134,18 +135,18 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
 
     def excuse(_: int, pose: FloatArray) -> int:
         xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
-        # the same pose with dots from the manifest's places, free of error: what these cannot locate is no fault of the file
+        # the same pose with error-free dots at the manifest's places: if these cannot be located, the file is not at fault
         return LOST if locate_dots(xy_px).located else LIMITED
 
     poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
     trip = replace(_trip(tape, source, poses, sensor, scene, locate, excuse, lambda: None), tolerated=_QUICK_TOLERATED)
-    if trip.failed and explain(tape, source.parts.xy_mm) is None:  # parts in their places: a limit of the method
+    if trip.failed and explain(tape, source.parts.xy_mm) is None:  # parts are in place: a limitation of the method
         return replace(trip, tolerated=1.0)
     return trip
 
 
 def _quick_methods(tape: Tape, sensor: SensorProfile) -> tuple[Locate, Callable[[FloatArray], Localization]]:
-    """Functions with which a quick trip locates a depth map, and dots."""
+    """Functions that locate a depth map, and dots, in a quick trip."""
     if get_code(tape.code).plane is None:
         from tactape_fab.sense.decode.localizer import Localizer
 
@@ -172,12 +173,12 @@ def full_trips(
     *,
     counts: tuple[int, int] = (INSIDE, EDGE),
 ) -> list[Trip]:
-    """Contacts over the whole field and its edges, different for every source, decoded with all their dots.
+    """Contacts over the whole field and its edges, different for every source, decoded with all dots.
 
-    tape: As the manifest has it.
+    tape: The manifest's tape.
     contact: Default: that of `read_contact`.
     progress: Called for every contact.
-    counts: Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
+    counts: Contacts entirely on the field, and across its edge, for all sources together; fewer for a code with many sectors.
     """
     from tactape_fab.sense.decode.localizer import Localizer
     from tactape_fab.verify.trip.limit import MARGIN, as_seen, error_free, rule_of
@@ -185,27 +186,27 @@ def full_trips(
     contact = contact or read_contact()
     sensor, scene = contact.sensor, contact.scene
 
-    # the time of a contact grows with the sectors that it is compared with
+    # the time per contact grows with the number of sectors
     fewer = FEWER if (plane := get_code(tape.code).plane) is not None and plane.sectors > MANY_SECTORS else 1
     each = [(max(n // fewer // len(sources), 1), edge) for n, edge in zip(counts, (False, True), strict=True)]
-    # other poses for each source: together they cover the field more densely
+    # different poses for each source, so that together they cover the field more densely
     poses = [
         np.concatenate([draw_poses(tape, n, seed, sensor, scene, edge=edge) for n, edge in each]) for seed in range(len(sources))
     ]
     count, done = sum(map(len, poses)), 0
-    progress(_STEP, done, count)  # the first Localizer ever compiles
+    progress(_STEP, done, count)  # before the Localizer, which compiles on its first use
     localizer = Localizer([tape], sensor)
     rule, stricter = rule_of(tape, sensor), rule_of(tape, sensor, MARGIN)
 
     def excuse(source: Source, number: int, pose: FloatArray) -> int:
-        # from the most that a reader can be given to the least: the first answer that fails is what the contact lacked
+        # from the most favourable reader to the least: the first that fails gives the outcome
         if not error_free(rule, pose, scene).located:
             return LIMITED
-        # the same noise as in the frame that was missed, over the parts of the tape instead of those of the file
+        # the same noise as in the missed frame, with the parts of the tape instead of those of the file
         own = frame_at(tape, number, pose, _SEED, sensor, scene)
         if not as_seen(rule, pose, scene, own.depth, told_parts=True).located:
             return NOISY
-        # with the margin, as the ideal reader's grid is fitted with the symbols known (see `MARGIN`)
+        # with the margin, as the ideal reader's grid is fitted with known symbols (see `MARGIN`)
         if not as_seen(stricter, pose, scene, own.depth, told_parts=False).located:
             return BARELY
         return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
@@ -222,9 +223,9 @@ def full_trips(
 
 
 def check_measured(tape: Tape, contact: Contact | None = None) -> Check:
-    """Locate contacts of parts at their measured places by these, and by the design's: none elsewhere, no fewer, no worse.
+    """Check that contacts with parts at measured places are located at least as well with these places as with nominal ones.
 
-    contact: By default that of `read_contact`.
+    contact: Default: that of `read_contact`.
     """
     from tactape_fab.sense.decode.localizer import Localizer
 
@@ -291,7 +292,7 @@ def _is_right(tape: Tape, frame: Frame, fix: Localization) -> bool:
 
 
 def trip_checks(tape: Tape, sources: Sequence[Source], trips: Sequence[Trip]) -> list[Check]:
-    """One line for each source; if only some fail, the line names the file at fault."""
+    """One line per source; if only some fail, the line names the file at fault."""
     return [_line(tape, source, trip, trips) for source, trip in zip(sources, trips, strict=True)]
 
 
@@ -333,7 +334,7 @@ def _problems(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> 
         yield f"the decoder says {times} times: {reason}"
     cause = explain(tape, source.parts.xy_mm)
     if cause is not None:
-        # one file is named at fault only where another one of the same kit is right
+        # a file is called the wrong one only if another file of the kit is right
         yield f"the {source.name} is what is wrong: {cause}" if any(not t.failed for t in trips) else f"{source.name}: {cause}"
     fine = [t.source for t in trips if not t.failed]
     if fine:
