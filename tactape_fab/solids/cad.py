@@ -41,9 +41,9 @@ def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
     Raises
     ------
     SpecError
-        With everything that keeps this solid from being built.
+        With every reason why this solid cannot be built.
     RenderError
-        When OCCT reads something else from the STEP text than one solid.
+        If OCCT does not read exactly one solid from the STEP text.
     """
     refuse_no_tape(tape)
     form = SolidForm() if form is None else form
@@ -75,7 +75,7 @@ def assembly(tape: Tape) -> Compound:
     SpecError
         When the tape has solid elements instead of components.
     RenderError
-        When OCCT reads something else from the STEP text.
+        If OCCT reads another assembly from the STEP text.
     """
     refuse_no_tape(tape)
     if tape.part.shape != "block":

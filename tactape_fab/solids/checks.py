@@ -19,19 +19,19 @@ from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
 
 LEAST_CLEARANCE_MM = 0.002
-"""Least distance of an element from the border of its cell: faces and edges must stay apart in every reader."""
+"""Least distance of an element from the border of its cell, so that readers do not merge faces or edges."""
 _TOLERANCE_MM = 0.0005
-"""The clearance is met down to half a micrometre below it, as the limits of fabs are."""
+"""A clearance half a micrometre below the limit is accepted, as for limits of fabs."""
 LEAST_SLIT_MM = 0.1
 """Least gap between the ends of a base that is not closed."""
 LEAST_EDGE_MM = 0.01
 """Least distance of a foot from the base's edge."""
 LEAST_TURN_DEG = 0.5
-"""A block's sides on a cylinder are parallel to its axis, square to it, or turned from both by at least this."""
+"""Least angle of a block's sides on a cylinder to its axis and to its circumference, if they are not parallel to one of them."""
 
 
 def refuse_no_form(form: object) -> None:
-    """Refuse a form that a program made with values that none can have. Raises SpecError."""
+    """Refuse a form with invalid values, which the constructor does not check. Raises SpecError."""
     refuse_other(form, SolidForm, "form", "SolidForm", "SolidForm(base_mm=0.8), or leave it out")
     assert isinstance(form, SolidForm)
     refuse_other(form.cylinder, (Cylinder, type(None)), "cylinder", "Cylinder", "Cylinder(radius_mm=R), or leave it out")
@@ -41,7 +41,7 @@ def refuse_no_form(form: object) -> None:
 
 
 def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
-    """Problems that prevent the building of these solid models of a tape, each with its remedy."""
+    """Reasons why the solid models of a tape cannot be built in this form, each with its remedy."""
     problems = list(_cell_problems(tape))
     if form.cylinder is not None:
         problems += _cylinder_problems(tape, form, form.cylinder)
@@ -49,7 +49,7 @@ def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
 
 
 def hole_problems(board: Board) -> list[Problem]:
-    """Holes that no solid has, as they overlap or reach beyond the outline, each with its remedy."""
+    """Problems of holes that overlap or extend beyond the outline, each with its remedy."""
     holes = np.array(board.holes).reshape(-1, 3)
     words = ["--hole " + ",".join(f"{value:.10g}" for value in hole) for hole in board.holes]
     out = inset_mm(holes[:, :2], board.size_mm, board.corner_radius_mm) - holes[:, 2] / 2 < _TOLERANCE_MM
@@ -66,12 +66,12 @@ def hole_problems(board: Board) -> list[Problem]:
 
 
 def _cell_problems(tape: Tape) -> Iterator[Problem]:
-    # an element is displaced along one axis at a time or diagonally by less along each: the displacement bounds both
+    # the displacement bounds the shift along each axis, also of diagonal directions
     reach = np.array(reach_mm(tape.part)) + tape.displacement_mm
     worst = float(reach.max())
     if worst > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM + _TOLERANCE_MM:
         most_mm = tape.pitch_mm / 2 - LEAST_CLEARANCE_MM
-        # rounded to a nanometre first: a float a last bit above a whole micrometre would ask for one more
+        # first rounded to a nanometre, as a float slightly above a whole micrometre would be rounded up to the next
         least_mm = ceil(round(2 * (worst + LEAST_CLEARANCE_MM) * 1000, 3)) / 1000
         yield Problem(
             "part",
@@ -89,15 +89,15 @@ def foot_reach_mm(tape: Tape, form: SolidForm) -> FloatArray:
         return reach
     axis = 0 if cylinder.around == "x" else 1
     if tape.part.shape == "dome":
-        # directions 0 and 90 deg: along the tangent the foot reaches farthest, along the axis it is the flat one
+        # directions 0 and 90 deg: the foot extends farthest along the tangent; along the axis it is that on a plane
         reach[axis], reach[1 - axis] = foot_radius_mm(tape.part, cylinder.radius_mm, np.array([0.0, pi / 2]))
-    # from the offset along the tangent to the arc under it, which is what the base's length and the cells are measured in
+    # from the offset along the tangent to the arc below it, in which base and cells are measured
     reach[axis] = cylinder.radius_mm * asin(min(reach[axis] / cylinder.radius_mm, 1.0))
     return reach
 
 
 def _edge_problems(tape: Tape, form: SolidForm) -> Iterator[Problem]:
-    """Check that all feet lie on the base."""
+    """Check that all feet are on the base."""
     xy, reach = tape.part_xy_mm(), foot_reach_mm(tape, form)
     gap_mm = float(np.minimum(xy - reach, np.array(tape.board.size_mm) - xy - reach).min(initial=np.inf))
     if gap_mm < LEAST_EDGE_MM:
@@ -110,7 +110,7 @@ def _edge_problems(tape: Tape, form: SolidForm) -> Iterator[Problem]:
 
 def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Iterator[Problem]:
     radius_mm, axis = cylinder.radius_mm, 0 if cylinder.around == "x" else 1
-    # a radius of twice the reach or more keeps the surface under a foot within some 30 deg of its tangent plane: t / R <= 1 / 2
+    # a radius of at least twice the reach keeps the surface below a foot within 30 deg of its tangent plane: t / R <= 1 / 2
     reach_across_mm = max(reach_mm(tape.part)) if tape.part.shape == "block" else mean_radius_mm(tape.part)
     least_mm = max(2 * reach_across_mm, 0.0 if form.negative else form.base_mm + 0.1)
     shown = f"cylinder_mm = {radius_mm:g} mm"
@@ -135,7 +135,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
     if tape.board.holes:
         yield Problem("holes_mm", "holes_mm: a wrapped texture has no holes; leave out --hole, or --cylinder")
     if tape.part.shape == "block":
-        # a side at an angle to the axis cuts the cylinder in an ellipse of half axis R / sin(angle): 115 R at half a degree
+        # the plane of a side at an angle to the axis cuts an ellipse with the semi-axis R / sin(angle): 115 R at half a degree
         turn = (tape.part.rotation_deg + 45.0) % 90.0 - 45.0
         if 1e-9 < abs(turn) < LEAST_TURN_DEG:
             yield Problem(
@@ -160,7 +160,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
 
 
 def _seam_problems(cylinder: Cylinder, shown: str, length_mm: float) -> Iterator[Problem]:
-    """Check the slit of a base that nearly closes on itself, and that a closed base is as long as the circumference."""
+    """Check the slit of a segment that nearly closes on itself."""
     gap_mm = cylinder.circumference_mm - length_mm
     if cylinder.shell == "segment" and gap_mm < LEAST_SLIT_MM:
         yield Problem(

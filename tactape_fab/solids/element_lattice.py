@@ -1,7 +1,7 @@
-"""The flat side of a texture's mesh: cells, the rest of the board round them, triangles, all with shared vertices.
+"""Planar part of a texture's mesh: cells, the rest of the board around them, and their triangulation, with shared vertices.
 
 Working coordinates are (a, b): board x and y, or arc length and place along a cylinder. On a cylinder everything is cut by
-lines across a, so near to each other that a flat triangle between two of them stays on the cylinder within the tolerance.
+lines of constant a, so close that a flat triangle between two of them is on the cylinder within the tolerance.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ _MOST_MOVES = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lattice:
-    """Lines across a and b between the cells of the grid, and the board's ends.
+    """Lines of constant a and b between the cells of the grid, and the board's ends.
 
-    a_mm, b_mm: Lines that bound cells, ascending; cell (i, j) lies between lines i, i + 1 and j, j + 1.
-    slices: Pieces that each cell is cut into across a; 1 on a plane.
-    a_fine_mm: The lines across a with those that slice the cells: `slices` to each cell.
-    a_all_mm: All lines across a, board ends included.
+    a_mm, b_mm: Borders of cells, ascending; cell (i, j) is between lines i, i + 1 and j, j + 1.
+    slices: Number of slices of each cell along a; 1 on a plane.
+    a_fine_mm: Borders of cells and of their slices along a.
+    a_all_mm: All lines along a, board ends included.
     cell_of_part (n, 2): (i, j) of every placed part.
     local_mm (n, 2): Centre of every placed part, (a, b).
     """
@@ -71,7 +71,7 @@ def build_lattice(tape: Tape, wrap: Wrap | None) -> Lattice:
         step_mm = sqrt(8 * wrap.radius_mm * CHORD_ERROR_MM)
         slices = ceil(float(np.diff(lines[0]).max()) / step_mm)
         fine = _sliced(lines[0], low[0] + np.arange(len(lines[0]) - 1) * tape.pitch_mm, slices, _kept_clear_mm(tape, wrap))
-        # a whole shell goes on past the board's end to its beginning: the last line is the first one, a turn later
+        # a whole shell continues from the board's end to its beginning: the last line is the first one, a turn later
         end = board_high[0] if wrap.cylinder.shell == "segment" else board_low[0] + 2 * pi * wrap.radius_mm
         across = np.concatenate([_between(board_low[0], fine[0], step_mm)[:-1], fine[:-1], _between(fine[-1], end, step_mm)])
     return Lattice(
@@ -86,23 +86,23 @@ def build_lattice(tape: Tape, wrap: Wrap | None) -> Lattice:
 
 
 def _kept_clear_mm(tape: Tape, wrap: Wrap) -> FloatArray:
-    """Arc lengths from a grid point at which an element, displaced or not, has a corner or begins and ends."""
+    """Arc offsets from a grid point at which an element, at any displacement, has a corner, begins or ends."""
     if wrap.part.shape == "block":
         offsets = block_corners_mm(wrap.part)[:, 0]
     else:
         offsets = foot_radius_mm(wrap.part, wrap.radius_mm, np.array([0.0, pi])) * (1.0, -1.0)
     arcs = wrap.radius_mm * np.arcsin(offsets / wrap.radius_mm)
-    # components along x; those along y are the same set, so that it does not matter which board axis goes round
+    # components along x; those along y are the same set, so it does not matter which board axis is wrapped
     moved_mm = tape.displacement_mm * np.unique(DIRECTIONS_XY[: tape.directions, 0])
     return np.unique((arcs[:, None] + moved_mm).ravel())
 
 
 def _sliced(lines: FloatArray, centres: FloatArray, slices: int, clear_mm: FloatArray) -> FloatArray:
-    """Cell borders with the lines that slice each cell, none of them near a corner of an element.
+    """Cell borders and the lines that slice each cell, none of these near a corner of an element.
 
-    A line that only touched a foot would leave a vertex on one side of it alone.
+    A line that only touched a foot would make a vertex on one side of it only.
     """
-    # the outermost cells may be narrower than a pitch, so shares are of each cell's own width
+    # fractions of each cell's own width, as the outermost cells may be narrower than a pitch
     shares = np.arange(1, slices) / slices
     inner = lines[:-1, None] + shares * np.diff(lines)[:, None]
     offset = inner - centres[:, None]
@@ -112,7 +112,7 @@ def _sliced(lines: FloatArray, centres: FloatArray, slices: int, clear_mm: Float
         near = np.abs(nearest) < _CLEAR_OF_CORNER_MM
         if not near.any():
             break
-        # always to the same side, until no line is near a corner; 40 moves are 0.4 mm
+        # always moved to the same side, until no line is near a corner; 40 moves are 0.4 mm
         offset = np.where(near, offset - nearest + 1.01 * _CLEAR_OF_CORNER_MM, offset)
     fine = np.concatenate([lines[:-1, None], centres[:, None] + offset], axis=1).ravel()
     return np.append(fine, lines[-1])
@@ -125,7 +125,7 @@ def _between(a: float, b: float, step_mm: float) -> FloatArray:
 def _axis_lines(low: float, high: float, board_low: float, board_high: float, pitch: float, reach: float) -> FloatArray:
     count = round((high - low) / pitch) + 1
     lines: FloatArray = low + (np.arange(count + 1, dtype=np.float64) - 0.5) * pitch
-    # half a pitch beyond the last grid points may be off the board: half way between its end and the elements then
+    # if half a pitch beyond the last grid points is off the board, the line is half way between its end and the elements
     if lines[0] < board_low + _LEAST_MARGIN_MM:
         lines[0] = (board_low + low - reach) / 2
     if lines[-1] > board_high - _LEAST_MARGIN_MM:
@@ -137,7 +137,7 @@ def _axis_lines(low: float, high: float, board_low: float, board_high: float, pi
 class Rims:
     """Outline and holes as closed polygons (a, b): the outline counter-clockwise, the holes clockwise.
 
-    ``closed`` is True where the ends of the outline along a are one and the same line.
+    ``closed`` is True if the ends of the outline along a coincide, as on a whole shell.
     """
 
     outline: FloatArray
@@ -163,16 +163,16 @@ def _circle(x: float, y: float, diameter: float) -> FloatArray:
 
 
 def whole_cells(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> IntArray:
-    """Indices of placed parts whose whole cell lies inside the outline and clear of every hole."""
+    """Indices of placed parts whose entire cell is inside the outline and clear of every hole."""
     if wrap is not None:
-        # round a cylinder there are no holes or rounded corners (`checks`), and every line lies inside the board
+        # on a cylinder there are no holes or rounded corners (`checks`), and every line is inside the board
         return np.arange(tape.part_count)
     i, j = lattice.cell_of_part.T
     a, b = lattice.a_mm, lattice.b_mm
     corners = np.stack([np.stack([a[i + di], b[j + dj]], axis=1) for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=1)
     good = inset_mm(corners, tape.board.size_mm, tape.board.corner_radius_mm).min(axis=1) > _CLEAR_MM
     for x, y, d in tape.board.holes:
-        # distance of a hole's centre from a cell along each axis, 0 inside: together that to the nearest point of the rectangle
+        # distance of a hole's centre from a cell along each axis, 0 inside
         gap_a = np.maximum(np.maximum(a[i] - x, x - a[i + 1]), 0.0)
         gap_b = np.maximum(np.maximum(b[j] - y, y - b[j + 1]), 0.0)
         good &= np.hypot(gap_a, gap_b) > d / 2 + _CLEAR_MM
@@ -180,14 +180,14 @@ def whole_cells(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> IntArray:
 
 
 def cell_loops(lattice: Lattice, parts: IntArray) -> list[FloatArray]:
-    """Borders of the union of the cells of `parts`, cells on the left, with every vertex of the lattice on them."""
+    """Boundary loops of the union of the cells of `parts`, with the cells on the left and all lattice vertices on them."""
     columns, rows = len(lattice.a_mm) - 1, len(lattice.b_mm) - 1
-    # a frame of empty cells, so that neighbours beyond the grid need no case of their own
+    # padded by empty cells, so that borders need no special case
     mask = np.zeros((columns + 2, rows + 2), dtype=bool)
     i, j = lattice.cell_of_part[parts].T
     mask[i + 1, j + 1] = True
     following: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    # by the neighbour on each side: where that is empty, the side from corner a to corner b, with the cell on its left
+    # for an empty neighbour on each side, the edge from corner a to corner b with the cell on its left
     for (di, dj), (ai, aj), (bi, bj) in (
         ((0, -1), (0, 0), (1, 0)),
         ((1, 0), (1, 0), (1, 1)),
@@ -203,7 +203,7 @@ def cell_loops(lattice: Lattice, parts: IntArray) -> list[FloatArray]:
         loop: list[tuple[int, int]] = []
         while at in following:
             ways = following[at]
-            # two sides leave a corner where two cells meet in it alone
+            # two edges leave a corner at which two cells touch diagonally
             way = ways[0] if len(ways) == 1 or not loop else min(ways, key=lambda to: _turn(loop[-1], at, to))
             ways.remove(way)
             if not ways:
@@ -215,7 +215,7 @@ def cell_loops(lattice: Lattice, parts: IntArray) -> list[FloatArray]:
 
 
 def _turn(before: tuple[int, int], at: tuple[int, int], to: tuple[int, int]) -> int:
-    """Smallest for the way furthest to the left: two cells that meet in a corner stay two loops."""
+    """Sort key that is smallest for the leftmost turn, so that diagonally touching cells are separate loops."""
     return -((at[0] - before[0]) * (to[1] - at[1]) - (at[1] - before[1]) * (to[0] - at[0]))
 
 
@@ -231,7 +231,7 @@ def _with_slices(lattice: Lattice, loop: IntArray) -> FloatArray:
 
 
 def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -> shapely.Geometry:
-    """The board without holes, whole cells, and the feet of the elements outside of those."""
+    """The board less holes, whole cells, and the feet of elements in other cells."""
     board = shapely.Polygon(rims.outline, list(rims.holes))
     outer = [loop for loop in loops if signed_area_mm2(loop) > 0.0]
     inner = [loop for loop in loops if signed_area_mm2(loop) < 0.0]
@@ -239,7 +239,7 @@ def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -
     fields = [shapely.Polygon(loop) for loop in outer]
     rest = board
     for field in fields:
-        # a loop that runs clockwise is an island of the board in a field of cells
+        # a clockwise loop is an island of the board among cells
         holes = [island.exterior.coords for island in islands if field.contains(island.representative_point())]
         rest = rest.difference(shapely.Polygon(field.exterior.coords, holes))
     for foot in feet:
@@ -248,18 +248,18 @@ def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -
 
 
 def triangulated(region: shapely.Geometry, cuts_mm: FloatArray | None) -> Iterator[FloatArray]:
-    """Counter-clockwise triangles of a region, shape (k, 3, 2), with no vertices but its own; cut across a where asked."""
+    """Counter-clockwise triangles of a region, shape (k, 3, 2), without new vertices; cut along lines of constant a if given."""
     pieces = [region]
     if cuts_mm is not None:
         _, low, _, high = region.bounds
-        # triangles that cross a line of the lattice would leave the cylinder by more than the tolerance
+        # triangles across a line of the lattice would deviate from the cylinder by more than the tolerance
         strips = shapely.box(cuts_mm[:-1], low - 1.0, cuts_mm[1:], high + 1.0)
         pieces = list(shapely.intersection(region, strips))
     for piece in pieces:
         for polygon in shapely.get_parts(piece):
             if polygon.geom_type != "Polygon" or polygon.is_empty:
                 continue
-            # it adds no points, so the border keeps its vertices alone, and neighbours that share it fit
+            # adds no points, so that neighbours share the vertices of their common border
             parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
             corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
             u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -269,7 +269,7 @@ def triangulated(region: shapely.Geometry, cuts_mm: FloatArray | None) -> Iterat
 
 
 class Numbers:
-    """Gives every point of the plane one number, however often it is asked for."""
+    """Numbers points of the plane; equal points get the same number."""
 
     def __init__(self) -> None:
         self._numbers: dict[tuple[float, float], int] = {}
@@ -278,7 +278,7 @@ class Numbers:
     def __call__(self, points_mm: FloatArray) -> IntArray:
         """Numbers of points, shape (..., 2) -> (...)."""
         flat = points_mm.reshape(-1, 2)
-        # rounded, as GEOS may change the last bits of a point that it intersects; + 0.0 makes one key of 0.0 and -0.0
+        # rounded, as GEOS may change the last bits in intersections; + 0.0 turns -0.0 into 0.0
         keys = np.round(flat, _KEY_DECIMALS) + 0.0
         numbers = []
         for key, point in zip(map(tuple, keys.tolist()), flat.tolist(), strict=True):

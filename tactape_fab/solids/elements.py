@@ -1,4 +1,4 @@
-"""The solid elements on grid points: block, spherical cap, truncated cone, as loops in a part's own frame.
+"""The solid elements (block, spherical cap, truncated cone) as loops in the part's own frame.
 
 A part's frame: origin at the part's centre on the surface, x and y along board x and y, z along the surface's normal.
 """
@@ -19,35 +19,35 @@ _LEAST_POINTS, _LEAST_RINGS = 12, 3
 
 
 def dome_points(part: TapePart) -> int:
-    """Vertices of a dome's foot in a mesh, a multiple of four: turned by a quarter it is the same."""
+    """Number of vertices of a dome's foot in a mesh, a multiple of four for fourfold symmetry."""
     # sagitta of a chord of n on a circle of radius D / 2: D / 2 (1 - cos(pi / n)) <= e gives n >= pi / acos(1 - 2 e / D)
     half_turn = acos(max(1 - 2 * CHORD_ERROR_MM / part.body_mm[0], 0.0))
     return max(_LEAST_POINTS, 4 * ceil(pi / half_turn / 4))
 
 
 def dome_rings(part: TapePart) -> int:
-    """Rings of a spherical cap in a mesh, foot included, apex not."""
+    """Number of rings of a spherical cap in a mesh, with the foot, without the apex."""
     sphere_mm = sphere_radius_mm(part)
-    # the same along a meridian of the sphere: rings cap / n apart have chords of half angle cap / 2n
+    # as above along a meridian of the sphere: rings cap / n apart have chords of half angle cap / 2n
     half_step = acos(max(1 - CHORD_ERROR_MM / sphere_mm, 0.0))
     return max(_LEAST_RINGS, ceil(_cap_rad(part) / half_step / 2))
 
 
 def _cap_rad(part: TapePart) -> float:
     """Angle at the sphere's centre between the top of a cap and its foot."""
-    # a cap is lower than its foot's radius (`read_part`), so less than a hemisphere, and the sine has one angle only
+    # a cap is lower than its foot's radius (`read_part`), so less than a hemisphere, and the arc sine is unique
     return asin(min(part.body_mm[0] / 2 / sphere_radius_mm(part), 1.0))
 
 
 def sphere_radius_mm(part: TapePart) -> float:
-    """Radius of the sphere whose cap a dome is, from its foot's diameter and its height."""
+    """Radius of a cap's sphere, from the diameter of its foot and its height."""
     foot_mm, height_mm = part.body_mm[0] / 2, part.body_mm[2]
     # Pythagoras: rho^2 = f^2 + (rho - h)^2
     return (foot_mm**2 + height_mm**2) / (2 * height_mm)
 
 
 def reach_mm(part: TapePart) -> tuple[float, float]:
-    """Largest |x| and |y| of an element about its centre, as it is turned."""
+    """Largest |x| and |y| of the rotated element about its centre, mm."""
     if part.shape == "dome":
         return part.body_mm[0] / 2, part.body_mm[0] / 2
     c, s = abs(cos(radians(part.rotation_deg))), abs(sin(radians(part.rotation_deg)))
@@ -64,7 +64,7 @@ def block_corners_mm(part: TapePart) -> FloatArray:
 def element_rings_mm(part: TapePart) -> FloatArray:
     """An element as closed loops from foot to top, all with as many points, counter-clockwise seen from above.
 
-    The top ring of a block and of a truncated cone bounds a flat face, that of a spherical cap is closed by its apex.
+    The top ring of a block or truncated cone bounds a flat face; that of a spherical cap is closed by an apex.
 
     Returns (rings, points, 3): In the part's frame; the foot is at z = 0.
     """
@@ -80,7 +80,7 @@ def element_rings_mm(part: TapePart) -> FloatArray:
         sphere_mm = sphere_radius_mm(part)
         polar = _cap_rad(part) * (1 - np.arange(count := dome_rings(part)) / count)
         radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
-        # arc sine and cosine leave some 1e-17 mm here; a foot lies in the plane exactly
+        # exactly 0, where rounding of the sines leaves some 1e-17 mm
         heights[0] = 0.0
     rings = radii[:, None, None] * circle
     return np.concatenate([rings, np.broadcast_to(heights[:, None, None], (*rings.shape[:2], 1))], axis=2)
@@ -109,7 +109,7 @@ def cap_faces(first: int, points: int, apex: int | None) -> IntArray:
 
 
 def closed_element(part: TapePart, sink_mm: float) -> tuple[FloatArray, IntArray]:
-    """One element as a closed mesh that reaches `sink_mm` below its foot, for a boolean with a surface.
+    """One element as a closed mesh that extends `sink_mm` below its foot, for a boolean union with a surface.
 
     Returns vertices (v, 3): In the part's frame, mm.
     Returns faces (f, 3): Counter-clockwise seen from outside.
@@ -123,7 +123,7 @@ def closed_element(part: TapePart, sink_mm: float) -> tuple[FloatArray, IntArray
     if has_apex(part):
         apex = len(vertices)
         vertices = np.vstack([vertices, (0.0, 0.0, part.body_mm[2])])
-    # the floor looks down, so its loop is followed backwards
+    # the floor faces down, so its loop is reversed
     bottom = cap_faces(0, points, None)[:, ::-1]
     faces = np.concatenate([bottom, ring_faces(count, points), cap_faces((count - 1) * points, points, apex)])
     return vertices, faces
@@ -138,7 +138,7 @@ def element_volume_mm3(part: TapePart) -> float:
     if part.top_mm is not None:
         top_mm = part.top_mm / 2
         return pi * height_mm / 3 * (foot_mm**2 + foot_mm * top_mm + top_mm**2)
-    # of a spherical cap: the integral of pi (rho^2 - z^2) from z = rho - h to rho
+    # for a spherical cap: the integral of pi (rho^2 - z^2) from z = rho - h to rho
     return pi * height_mm / 6 * (3 * foot_mm**2 + height_mm**2)
 
 
@@ -149,7 +149,7 @@ def foot_area_mm2(part: TapePart) -> float:
 
 
 def narrowest_mm(part: TapePart) -> float:
-    """The element's narrowest width: of its top face where it has one, of its foot otherwise."""
+    """The element's narrowest width: that of its flat top if it has one, else that of its foot."""
     if part.top_mm is not None:
         return part.top_mm
     return min(part.body_mm[:2])

@@ -16,7 +16,7 @@ AXES = ("x", "y")
 SHELLS = ("segment", "whole")
 TOPS = ("tiles", "single")
 DEFAULT_BASE_MM = 0.8
-"""Base of a texture that is printed or milled: 16 layers of 0.05 mm, stiff enough to be handled."""
+"""Default base thickness of a texture: 16 layers of 0.05 mm, stiff enough for handling."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +30,7 @@ class Cylinder:
     around : {"x", "y"}
         The board axis that becomes arc length; the cylinder's axis is parallel to the other one.
     shell : {"segment", "whole"}
-        A base as long as the board, or one that goes all the way round.
+        A base as long as the board, or a closed ring.
     """
 
     radius_mm: float
@@ -50,14 +50,14 @@ class SolidForm:
     Attributes
     ----------
     base_mm : float
-        Thickness of the base below z = 0; of a mould, what is left below its deepest cavity.
+        Thickness of the base below z = 0; for a mould, the thickness below its deepest cavity.
     negative : bool
-        The mould instead of the texture: its complement, turned 180 degrees about board y, cavities up.
+        Whether to make the mould instead of the texture: its complement, turned 180 degrees about board y, cavities up.
     top : {"tiles", "single"}
         Whether the top face of the STEP solid is cut into coplanar tiles (opens much faster) or is one face.
     cylinder : Cylinder or None
     mark : bool
-        Whether the sector's number and an arrow to board +y are sunk into the back; see `mark`.
+        Whether the sector's number and an arrow to board +y are engraved in the back; see `mark`.
     """
 
     base_mm: float = DEFAULT_BASE_MM

@@ -1,8 +1,8 @@
-"""The mark of a printed texture: its sector's number and an arrow to board +y, sunk into the back.
+"""The mark of a printed texture: its sector's number and an arrow to board +y, engraved in the back.
 
-The field cannot lend it any room, and most margins are narrower than a figure that a printer resolves; the back has room, and
-a sunk mark leaves it flat. Figures and arrow are made of square cells, whose sides are along the board's: on a cylinder they
-are arcs and straight lines.
+There is no room in the field, and most margins are narrower than a digit that a printer resolves; the back has room, and stays
+flat with an engraved mark. Digits and arrow consist of square cells with sides along the board's axes, which on a cylinder are
+arcs and straight lines.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _DIGITS = (
     ("111", "101", "111", "101", "111"),
     ("111", "101", "111", "001", "111"),
 )
-"""Figures in which no two cells meet in a corner alone."""
+"""Digits in which no two cells touch only at a corner."""
 _ARROW = ("00100", "01110", "11111", "00100", "00100")
 
 
@@ -56,9 +56,9 @@ def raster(sector: int) -> BoolArray:
 
 
 def read_raster(cells: BoolArray) -> int | None:
-    """The number beside an arrow that points up; None if the cells are no mark."""
+    """The number beside an arrow that points up; None if the cells are not a mark."""
     known: dict[tuple[str, ...], str] = {digit: str(k) for k, digit in enumerate(_DIGITS)}
-    # blank columns part the figures; every second piece is one, beginning with the first, as the mark has no blank margin
+    # blank columns separate the figures; every second piece is one, from the first on, as the mark has no blank margin
     empty = ~cells.any(axis=0)
     pieces = np.split(cells, np.flatnonzero(np.diff(empty)) + 1, axis=1)[::2]
     texts = [tuple("".join("01"[int(cell)] for cell in row) for row in piece) for piece in pieces]
@@ -84,15 +84,15 @@ class Mark:
     mirrored: bool
 
     def board_mm(self, column_row: FloatArray) -> FloatArray:
-        """Board places of corners of cells, counted in columns and rows from the upper left corner of the mark."""
+        """Board places of corners of cells, given as columns and rows from the upper left corner of the mark."""
         rows, columns = self.cells.shape
-        # rows go down while board y goes up; a back seen from below is seen in a mirror along x
+        # rows count downward while board y points up; a back seen from below is mirrored along x
         turn = (-1.0 if self.mirrored else 1.0, -1.0)
         return np.array(self.middle_mm) + (column_row - np.array([columns, rows]) / 2) * self.cell_mm * turn
 
     def polygons(self) -> list[tuple[FloatArray, list[FloatArray]]]:
-        """Outline and islands of every connected figure, in board coordinates: the sunk cells on the left of each loop."""
-        # joined while corners are whole numbers: cells then share sides exactly, multiples of a cell's side may not
+        """Outline and islands of every connected figure in board coordinates, engraved cells on the left of each loop."""
+        # united in integer coordinates, in which cells share sides exactly
         boxes = [shapely.box(c, r, c + 1, r + 1) for r, c in np.argwhere(self.cells).tolist()]
         figures = shapely.get_parts(shapely.union_all(boxes).simplify(0.0))
         return [
@@ -109,7 +109,7 @@ class Mark:
 
 
 def mark_of(tape: Tape, form: SolidForm) -> Mark | None:
-    """The mark of a tape's solid; None if the form has none, or the back has no place where it could be read."""
+    """The mark of a tape's solid; None if the form has none, or the back has no room for a readable one."""
     if not form.mark:
         return None
     cells = raster(tape.sector)
@@ -117,12 +117,12 @@ def mark_of(tape: Tape, form: SolidForm) -> Mark | None:
 
 
 def _marks(tape: Tape, form: SolidForm, cells: BoolArray) -> Iterator[Mark]:
-    """Marks that fit, the largest first, near the middle first."""
+    """Marks that fit, the largest first, then those nearest to the middle."""
     size_mm = np.array(tape.board.size_mm)
     widths = np.array([_SHARE_OF_WIDTH, _SHARE_OF_HEIGHT]) * size_mm
     if form.cylinder is not None:
         round_it = 0 if form.cylinder.around == "x" else 1
-        # a quarter turn at most, as the STEP file has the whole mark in one strip of a third of a turn
+        # at most a quarter turn, as the STEP file has the whole mark in one strip of a third of a turn
         widths[round_it] = min(widths[round_it], _MOST_TURN_RAD * form.cylinder.radius_mm)
     rows, columns = cells.shape
     largest_mm = min(float((widths / (columns, rows)).min()), MOST_CELL_MM)
@@ -149,12 +149,10 @@ def _marks(tape: Tape, form: SolidForm, cells: BoolArray) -> Iterator[Mark]:
 
 
 def _between_cuts(mark: Mark, tape: Tape, form: SolidForm, room: shapely.Geometry) -> Mark:
-    """The mark moved a little round the cylinder within its room, so that no side of a cell is near a line that its mesh is
-    cut along.
-    """
+    """The mark shifted slightly around the cylinder, within `room`, so that no side of a cell is near a cut of the mesh."""
     assert form.cylinder is not None
     wrap = wrap_of(tape, form, form.cylinder)
-    # a side on or beside a cut would leave slivers, or two vertices so near that a reader joins them
+    # a side on or beside a cut would make slivers, or two vertices so near that a reader merges them
     cuts = build_lattice(tape, wrap).a_all_mm
     corners = np.stack(np.meshgrid(*(np.arange(n + 1.0) for n in mark.cells.shape[::-1]), indexing="ij"), axis=-1).reshape(-1, 2)
     sides = np.unique(np.round(mark.board_mm(corners) @ wrap.from_board.T, 6)[:, 0])
@@ -163,31 +161,31 @@ def _between_cuts(mark: Mark, tape: Tape, form: SolidForm, room: shapely.Geometr
     apart = np.abs((sides[:, None] + shifts)[..., None] - cuts).min(axis=(0, 2))
     moved = np.array(mark.middle_mm) + np.column_stack([shifts, np.zeros(len(shifts))]) @ wrap.from_board
     half = np.array(mark.cells.shape[::-1]) * mark.cell_mm / 2
-    # the place without a shift is within the room
+    # the unshifted place is within the room
     fits = shapely.covers(room, shapely.box(*(moved - half).T, *(moved + half).T))
     x, y = moved[int(np.where(fits, apart, -1.0).argmax())]
     return replace(mark, middle_mm=(float(x), float(y)))
 
 
 def _levels(height_mm: float, base_mm: float, negative: bool) -> tuple[float, float]:
-    """Height of the back over the texture's surface, and the direction from it into the base."""
-    # heights over the surface that carries the elements, before a mould is turned over: its base lies above, behind the cavities
+    """Height of the back over the surface with the elements, and the direction from it into the base."""
+    # before a mould is turned over, its base is above the surface, behind the cavities
     return (height_mm + base_mm, -1.0) if negative else (-base_mm, 1.0)
 
 
 def back_mm(tape: Tape, form: SolidForm) -> float:
-    """Height of the back over the surface that carries the elements, mm."""
+    """Height of the back over the surface with the elements, mm."""
     return _levels(tape.part.body_mm[2], form.base_mm, form.negative)[0]
 
 
 def floor_mm(tape: Tape, form: SolidForm, mark: Mark | None) -> float:
-    """Height of the mark's floor, as `back_mm`; that of the back without a mark."""
+    """Height of the mark's floor over the surface with the elements, mm; without a mark that of the back."""
     level_mm, inward = _levels(tape.part.body_mm[2], form.base_mm, form.negative)
     return level_mm + inward * (0.0 if mark is None else mark.depth_mm)
 
 
 def mark_volume_mm3(tape: Tape, form: SolidForm) -> float:
-    """Volume of what the mark takes away."""
+    """Volume that the mark removes."""
     mark = mark_of(tape, form)
     if mark is None:
         return 0.0
@@ -195,5 +193,5 @@ def mark_volume_mm3(tape: Tape, form: SolidForm) -> float:
     if form.cylinder is None:
         return area_mm2 * mark.depth_mm
     r = form.cylinder.radius_mm
-    # cells are measured as arcs at z = 0: width w spans w / R rad, and a ring's sector has |R1^2 - R2^2| / 2 per radian
+    # cells are measured as arcs at z = 0: a width w spans w / R rad, and a ring's sector has |R1^2 - R2^2| / 2 per radian
     return area_mm2 / r * abs((r + back_mm(tape, form)) ** 2 - (r + floor_mm(tape, form, mark)) ** 2) / 2

@@ -1,4 +1,4 @@
-"""Pictures of meshes without a display: orthographic, depth-correct, softly lit from the upper left, on white."""
+"""Offscreen pictures of meshes: orthographic, with depth buffer and soft light from the upper left, on white."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _SAMPLES = 2
 _SAMPLES_AT_ONCE = 500_000
 _NEAREST = 2**31 - 1
 _LIGHT = (-0.45, 0.60, 0.66)
-"""Towards the light in the picture's frame: x right, y up, z towards the viewer."""
+"""Direction to the light in the picture's frame: x right, y up, z towards the viewer."""
 _AMBIENT, _FRONTAL, _DIRECT = 0.40, 0.14, 0.60
 _SHADOW, _SHADOW_STEPS = 0.75, 24
-"""Share of the direct light that a shadow takes away, and how far shadows reach in pixels."""
+"""Fraction of the direct light that a shadow removes, and length of shadows in pixels."""
 _CREASE_COS, _CREASE_SHADE = 0.80, 0.60
 _SPAN_SLACK = 1e-9
 
@@ -40,12 +40,12 @@ def shaded(
 ) -> Image:
     """Draw a mesh.
 
-    mesh: Closed; only its outside is drawn.
+    mesh: A closed mesh, of which the outside is drawn.
     direction: From the object towards the viewer, in the mesh's frame.
-    up: What points up in the picture, in the mesh's frame; not parallel to `direction`.
-    width_px: The height follows from the object's extent. Where it would exceed MOST_PX the picture is narrower.
+    up: The picture's up direction in the mesh's frame; not parallel to `direction`.
+    width_px: Width; the height follows from the object's extent. If that would exceed MOST_PX the picture is narrower.
     rgb: Colour of the surface in full light, each from 0 to 1.
-    margin: White border, as a share of the longer side.
+    margin: White border, as a fraction of the longer side.
     Returns (height, width, 3): Red, green, blue.
     Raises RenderError when the mesh is empty or has no extent, or the view has no direction.
     """
@@ -63,7 +63,7 @@ def shaded(
     px_per_mm = min(width_px, MOST_PX, MOST_PX * extent[0] / extent[1]) / extent[0] * _SAMPLES
     size = [ceil(v * px_per_mm / _SAMPLES) * _SAMPLES for v in extent]
     screen = np.empty_like(points)
-    # half a sample less: sample (i, j) is then at the whole numbers i and j
+    # half a sample less, so that sample (i, j) is at the integers i and j
     screen[:, 0] = (points[:, 0] - low[0] + border) * px_per_mm - 0.5
     screen[:, 1] = (high[1] + border - points[:, 1]) * px_per_mm - 0.5
     screen[:, 2] = points[:, 2] * px_per_mm
@@ -72,14 +72,14 @@ def shaded(
     seen = _nearest_faces(corners, np.flatnonzero(normals[:, 2] > 1e-6), (size[1], size[0]))
     small = (size[0] // _SAMPLES, size[1] // _SAMPLES)
     hidden = _hidden(np.ascontiguousarray(seen.depth[::_SAMPLES, ::_SAMPLES]), _SAMPLES)
-    # face -1, the background, takes the appended last entry: no light
+    # face -1, the background, gets the appended last entry, no light
     around, direct = (np.append(part, np.float32(0.0))[seen.face] for part in _lambert(normals))
-    # Direct light alone: it falls to nothing where a round surface turns away, and with it the steps of its own shadow.
+    # shadows affect the direct light only, which vanishes where a round surface turns away, as do the steps of its own shadow
     picture = around + direct * (1.0 - _SHADOW * cv2.resize(hidden, seen.face.shape[::-1], interpolation=cv2.INTER_LINEAR))
     _darken_creases(picture, seen, normals)
     light = cv2.resize(picture, small, interpolation=cv2.INTER_AREA)
     cover = cv2.resize((seen.face >= 0).astype(np.float32), small, interpolation=cv2.INTER_AREA)
-    # white for the share of the pixel's samples that no face covers
+    # white for the fraction of the pixel's samples without a face
     colour = light[..., None] * np.asarray(rgb, dtype=np.float32) + (1.0 - cover)[..., None]
     return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255), dtype=np.uint8)
 
@@ -97,7 +97,7 @@ def png_bytes(image: Image) -> bytes:
 def view_frame(direction: tuple[float, float, float], up: tuple[float, float, float]) -> FloatArray:
     """Right, up and towards the viewer as the rows of a rotation; shape (3, 3).
 
-    Raises RenderError when one of both is zero or they are parallel.
+    Raises RenderError if one of both is zero or they are parallel.
     """
     towards = np.asarray(direction, dtype=np.float64)
     right = np.cross(np.asarray(up, dtype=np.float64), towards)
@@ -116,7 +116,7 @@ def _normals(corners: FloatArray) -> FloatArray:
 
 
 def _lambert(normals: FloatArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Light of every face: from all around, and direct."""
+    """Light of every face: ambient, and direct."""
     light = np.asarray(_LIGHT) / np.linalg.norm(_LIGHT)
     around, direct = _AMBIENT + _FRONTAL * normals[:, 2], _DIRECT * np.maximum(normals @ light, 0.0)
     return around.astype(np.float32), direct.astype(np.float32)
@@ -134,11 +134,11 @@ class _Seen:
 
 
 def _nearest_faces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]) -> _Seen:
-    """Depth buffer over the triangles `facing` the viewer, the spans of all their scan lines at once.
+    """Depth buffer of the triangles `facing` the viewer, for the spans of all scan lines at once.
 
-    Each sample holds depth and face in one integer, so that the nearest face is a maximum.
+    Each sample has depth and face in one integer, so that the nearest face is the maximum.
     """
-    # depth is in the upper 31 bits, so that the number stays positive, and the face's index in the lower 32; 0 is no face
+    # depth in the upper 31 bits, so that the number is positive, and the face's index in the lower 32; 0 is no face
     low, high = float(corners[..., 2].min()), float(corners[..., 2].max())
     steps = (_NEAREST - 2) / max(high - low, 1e-12)
     buffer = np.zeros(shape[0] * shape[1], dtype=np.int64)
@@ -147,7 +147,7 @@ def _nearest_faces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]
         triangle = corners[faces]
         begin, counts = _spans(triangle, line, row, shape[1])
         slope_x, slope_y, level = _planes(triangle)
-        # linear in the flat index of a sample, row * width + column: the row's share is in the constant
+        # linear in the flat index of a sample, row * width + column; the constant contains the row's part
         slope = (slope_x * steps)[line]
         at_zero = ((level[line] + slope_y[line] * row - low) * steps) - slope * (row * shape[1])
         span, pixel = _repeat_ranges(row * shape[1] + begin, counts)
@@ -161,12 +161,12 @@ def _nearest_faces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]
 
 
 def _pieces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
-    """The faces with their first row and number of rows, in pieces of bounded size."""
+    """The faces with first row and number of rows, in pieces of bounded size."""
     y = corners[facing, :, 1]
     first = np.maximum(np.ceil(y.min(axis=1) - _SPAN_SLACK), 0).astype(np.int64)
     last = np.minimum(np.floor(y.max(axis=1) + _SPAN_SLACK), shape[0] - 1).astype(np.int64)
     rows = np.maximum(last - first + 1, 0)
-    # half the box about a triangle, and what its rows round up
+    # about half the samples of a triangle's bounding box
     samples = rows * (np.ptp(corners[facing, :, 0], axis=1) + 2) / 2
     piece = (np.cumsum(samples) // _SAMPLES_AT_ONCE).astype(np.int64)
     for i in np.split(np.arange(len(facing)), np.flatnonzero(np.diff(piece)) + 1):
@@ -174,7 +174,7 @@ def _pieces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]) -> It
 
 
 def _repeat_ranges(first: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
-    """For every item its index `counts` times, and the numbers from `first` on beside it."""
+    """Index of every item, repeated `counts` times, and numbers from its `first` on."""
     index = np.repeat(np.arange(len(counts)), counts)
     return index, np.arange(len(index)) + (first - np.cumsum(counts) + counts)[index]
 
@@ -185,11 +185,11 @@ def _spans(triangle: FloatArray, line: IntArray, row: IntArray, width: int) -> t
     for i in range(3):
         a, b = triangle[:, i, :2], triangle[:, i - 1, :2]
         fall = b[:, 1] - a[:, 1]
-        # level edges cross no line between rows: the two others bound their row
+        # horizontal edges cross no scan line; the two others bound it
         per_row = 1.0 / np.where(fall == 0.0, np.inf, fall)
         along = (row - a[line, 1]) * per_row[line]
         crossing = a[line, 0] + along * (b[:, 0] - a[:, 0])[line]
-        # with slack a sample on an edge between two triangles belongs to both, without it perhaps to neither
+        # with slack a sample on the edge of two triangles belongs to both, without it possibly to neither
         on_edge = (fall != 0.0)[line] & (along >= -_SPAN_SLACK) & (along <= 1 + _SPAN_SLACK)
         np.minimum(left, crossing, out=left, where=on_edge)
         np.maximum(right, crossing, out=right, where=on_edge)
@@ -202,7 +202,7 @@ def _planes(triangle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Depth of each triangle as slope_x * x + slope_y * y + level."""
     a, b, c = np.moveaxis(triangle, 1, 0)
     normal = np.cross(b - a, c - a)
-    # n . (p - a) = 0 solved for z; faces seen from the side, with n_z near 0, are left out by the caller
+    # n . (p - a) = 0 solved for z; the caller leaves out faces seen edge-on, with n_z near 0
     slope_x, slope_y = -normal[:, 0] / normal[:, 2], -normal[:, 1] / normal[:, 2]
     return slope_x, slope_y, a[:, 2] - slope_x * a[:, 0] - slope_y * a[:, 1]
 
@@ -211,22 +211,22 @@ def _planes(triangle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _darken_creases(picture: npt.NDArray[np.float32], seen: _Seen, normals: FloatArray) -> None:
-    """Thin darker lines where two faces meet at an angle, and where one ends before another."""
+    """Draw thin darker lines at creases and at steps of depth."""
     flat, face, depth = picture.reshape(-1), seen.face.reshape(-1), seen.depth.reshape(-1)
     for step in (1, seen.face.shape[1]):
         a, b = face[:-step], face[step:]
         at = np.flatnonzero((a != b) & (np.minimum(a, b) >= 0))
         one, other = normals[a[at]], normals[b[at]]
-        # depth of a plane changes by at most 1 / n_z from one sample to the next: three times that is no slope but a step
+        # depth of a plane changes by at most 1 / n_z between samples; more than three times that is a step
         rise = 1.5 + 3.0 / np.minimum(one[:, 2], other[:, 2])
         edge = (np.einsum("ij,ij->i", one, other) < _CREASE_COS) | (np.abs(depth[at] - depth[at + step]) > rise)
         flat[at[edge]] *= _CREASE_SHADE
 
 
 def _hidden(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.float32]:
-    """1 where something nearer is between a pixel and the light, 0 elsewhere, softened.
+    """Shadow mask: 1 where a nearer surface is between a pixel and the light, 0 elsewhere, softened.
 
-    depth (height, width): Of one sample in each pixel, in samples; a pixel has `samples` of them along each axis.
+    depth (height, width): Depth of one sample of each pixel, in samples, of which a pixel has `samples` along each axis.
     """
     import cv2
 
@@ -239,6 +239,6 @@ def _hidden(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.floa
         moved = cv2.warpAffine(
             depth, np.array([[1, 0, -u], [0, 1, -v]], dtype=np.float32), depth.shape[::-1], flags=cv2.INTER_NEAREST
         )
-        # half a pixel more than the ray's height, lest a face shadows itself by rounding
+        # half a pixel more than the ray's height, so that rounding does not make a face shadow itself
         hidden = np.maximum(hidden, (moved - depth > samples * (0.5 + i * rise / longest)).astype(np.float32))
     return np.asarray(cv2.GaussianBlur(hidden, (0, 0), 0.8))

@@ -1,7 +1,7 @@
-"""Map from board points to the finished solid: flat or round a cylinder, and turned over for a mould.
+"""Map from board points to the finished solid: flat or on a cylinder, and turned over for a mould.
 
 Working frame of a cylinder: a along the board axis that becomes arc length, b along the cylinder, z up; right-handed.
-The board's middle line stays where it is, the cylinder's axis lies below it at z = -R.
+The board's middle line stays in place; the cylinder's axis is below it at z = -R.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.tape import Tape
 
 _SWAP = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
-"""Working frame to board frame round y: (a, b) = (y, -x)."""
+"""From the working frame to the board frame, if y is wrapped: (a, b) = (y, -x)."""
 _TURN_OVER = np.diag((-1.0, 1.0, -1.0))
-"""180 degrees about board y: a mould's cavities look up."""
+"""180 degrees about board y, so that a mould's cavities face up."""
 
 
 def world(form: SolidForm) -> FloatArray:
-    """Turn from the texture's own frame to the file's; shape (3, 3), columns are the images of x, y, z."""
+    """Rotation from the texture's frame to the file's; shape (3, 3), columns are the images of x, y, z."""
     return _TURN_OVER if form.negative else np.eye(3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Wrap:
-    """A cylinder with the board on it.
+    """A board wrapped on a cylinder.
 
-    length_mm: Of the board along a.
+    length_mm: Length of the board along a.
     b_mm: Ends of the board along the cylinder.
-    turn (3, 3): From the working frame to the file's frame.
-    from_board (2, 2): From board (x, y) to (a, b).
-    part: The tape's element, its rotation counted from a.
+    turn (3, 3): Rotation from the working frame to the file's frame.
+    from_board (2, 2): Rotation from board (x, y) to (a, b).
+    part: The tape's element, with its rotation relative to a.
     """
 
     cylinder: Cylinder
@@ -51,11 +51,11 @@ class Wrap:
         return -self.length_mm / 2 / self.radius_mm, self.length_mm / 2 / self.radius_mm
 
     def angle_rad(self, a_mm: FloatArray | float) -> FloatArray:
-        """Angle about the cylinder's axis from the board's middle line."""
+        """Angle about the cylinder's axis, from the board's middle line."""
         return (np.asarray(a_mm, dtype=np.float64) - self.length_mm / 2) / self.radius_mm
 
     def point(self, angle_rad: FloatArray | float, b_mm: FloatArray | float, radius_mm: FloatArray | float) -> FloatArray:
-        """Points at angle, place along and distance from the axis, in the file's frame; shape (..., 3)."""
+        """Points in the file's frame, given by angle, coordinate along and distance from the axis; shape (..., 3)."""
         angle, b, r = np.broadcast_arrays(angle_rad, b_mm, radius_mm)
         # the axis is at a = length / 2 and z = -R; angle 0 is straight up, so that r = R gives z = 0 on the middle line
         working = np.stack([self.length_mm / 2 + r * np.sin(angle), b, r * np.cos(angle) - self.radius_mm], axis=-1)
@@ -87,17 +87,17 @@ def wrap_of(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Wrap:
 
 
 def unwrapped(points_mm: FloatArray, tape: Tape, form: SolidForm) -> FloatArray:
-    """Back from a solid's points to board coordinates and height above the surface; shape (n, 3), mm.
+    """Board coordinates and height above the surface of a solid's points; shape (n, 3), mm.
 
     On a cylinder x or y is the arc length at z = 0.
     """
-    # rows times the turn are the turn's inverse (its transpose) applied to columns
+    # row vectors times the rotation are its inverse applied to column vectors
     points = points_mm @ world(form)
     if form.cylinder is None:
         return points
     wrap = wrap_of(tape, form, form.cylinder)
     working = points_mm @ wrap.turn
-    # seen from the axis: (across, up) = r (sin, cos) of the angle, hence arctan2 in this order
+    # (across, up) = r (sin, cos) of the angle, hence the order of arctan2's arguments
     across, up = working[:, 0] - wrap.length_mm / 2, working[:, 2] + wrap.radius_mm
     arc_mm = wrap.length_mm / 2 + np.arctan2(across, up) * wrap.radius_mm
     board = np.stack([arc_mm, working[:, 1]], axis=1) @ wrap.from_board

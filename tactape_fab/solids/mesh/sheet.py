@@ -1,4 +1,4 @@
-"""One watertight mesh of base and elements, built directly: no booleans, every edge between exactly two triangles."""
+"""One watertight mesh of base and elements, built directly without booleans; every edge has exactly two triangles."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ITSELF: IntArray = np.array([[0, 1, 2]])
 
 
 def texture_mesh(tape: Tape, form: SolidForm) -> Mesh:
-    """The mesh of a tape's solid: flat or round a cylinder, texture or mould.
+    """The mesh of a tape's solid: flat or on a cylinder, texture or mould.
 
     form: `checks.form_problems` must have found nothing.
     Returns: Board frame, mm; z = 0 is the top of the base.
@@ -40,7 +40,7 @@ def texture_mesh(tape: Tape, form: SolidForm) -> Mesh:
 
 
 class _Builder:
-    """Collects vertices and triangles: of the lattice first, then of the rest of the top, the back, the elements."""
+    """Collects vertices and triangles: of the lattice first, then of the rest of the top, the back, and the elements."""
 
     def __init__(self, tape: Tape, form: SolidForm) -> None:
         self._tape, self._form = tape, form
@@ -53,7 +53,7 @@ class _Builder:
         self._a = lattice.a_fine_mm
         self._lattice_points = len(self._a) * len(lattice.b_mm)
         self._others = Numbers()
-        self._faces: list[tuple[IntArray, IntArray]] = []  # vertices of copies (n, m), triangles of one (f, 3) by their columns
+        self._faces: list[tuple[IntArray, IntArray]] = []  # vertices of copies (n, m), and triangles (f, 3) as column indices
         self._elements: list[FloatArray] = []
         self._element_count = 0
 
@@ -68,7 +68,7 @@ class _Builder:
         symbols = tape.symbols[cells[:, 1], cells[:, 0]].astype(np.int64)
         i, j = lattice.cell_of_part.T
         last_i, last_j = len(lattice.a_mm) - 2, len(lattice.b_mm) - 2
-        # cells of one symbol are congruent but for the outermost ones, which a narrow margin may cut: symbol and four flags
+        # cells of one symbol are congruent except the outermost ones, which may be narrower: symbol and four flags
         kind = (((symbols * 2 + (i == 0)) * 2 + (i == last_i)) * 2 + (j == 0)) * 2 + (j == last_j)
         alike = [whole[kind[whole] == key] for key in np.unique(kind[whole]).tolist()]
         sides = [self._sides(int(parts[0])) for parts in alike]
@@ -77,7 +77,7 @@ class _Builder:
         for parts, t, shell in zip(alike, sides, shells, strict=True):
             self._cells_alike(parts, t, shell)
         self._feet: list[FloatArray] = []
-        # parts whose cell a rounded corner or a hole cuts: their feet become holes of the rest of the top, one by one
+        # parts whose cell is cut by a rounded corner or a hole: their feet become holes of the rest of the top
         alone = np.ones(tape.part_count, dtype=bool)
         alone[whole] = False
         for part in np.flatnonzero(alone).tolist():
@@ -87,12 +87,12 @@ class _Builder:
             self._add_shell(shell, np.array([part]), self._top_ids(foot)[None])
 
     def _sides(self, part: int) -> FloatArray:
-        """Tangential offsets of the lattice's lines from a part, of its cell's sides and of those between."""
+        """Tangential offsets from a part of the lattice's lines at and between the sides of its cell."""
         n, i = self._lattice.slices, self._lattice.cell_of_part[part, 0]
         return self._tangential(self._a[i * n : (i + 1) * n + 1] - self._lattice.local_mm[part, 0])
 
     def _cells_alike(self, parts: IntArray, t: FloatArray, shell: Shell) -> None:
-        """Cells of one symbol and one size: one triangulation for all. Of the first `t` has the sides."""
+        """Cells of one symbol and size, with one triangulation for all; `t` are the `_sides` of the first."""
         lattice, first = self._lattice, int(parts[0])
         j, b, n = lattice.cell_of_part[first, 1], lattice.local_mm[first, 1], lattice.slices
         low, high = lattice.b_mm[j] - b, lattice.b_mm[j + 1] - b
@@ -102,21 +102,21 @@ class _Builder:
         known = numbers(np.concatenate([border, shell.foot]))
         ring = np.concatenate([border[: n + 1], border[n + 1 :][::-1]])
         region = shapely.Polygon(ring, [shell.foot])
-        # (t, b) is the cell seen along the element's normal: triangles that do not overlap there do not overlap in space
+        # (t, b) is the projection along the element's normal: triangles that do not overlap there do not overlap in space
         corners = np.concatenate(list(triangulated(region, t if n > 1 else None)))
         faces = numbers(corners)
-        # a vertex that GEOS moved or added would be in one cell alone, and its edges open
+        # a vertex that GEOS moved or added would belong to one cell only, with open edges
         if len(numbers.points) != len(known):
             raise RenderError(f"the mesh of a cell with part '{self._part.name}' does not close; use another --rotation")
         ci, cj = lattice.cell_of_part[parts].T
         columns = ci[:, None] * n + np.arange(n + 1)
-        # the lattice is numbered line by line across a, along b within
+        # lattice vertices are numbered along b, line by line
         lower = columns * len(lattice.b_mm) + cj[:, None]
         ids = np.concatenate([lower, lower + 1], axis=1)
         self._add_shell(shell, parts, None, ids, faces)
 
     def _tangential(self, arc_mm: FloatArray) -> FloatArray:
-        """Offset along the tangent at an element of points on the surface at an arc length from it."""
+        """Offset along the tangent at an element, for points on the surface at an arc length from it."""
         if self._wrap is None:
             return arc_mm
         return self._wrap.radius_mm * np.sin(arc_mm / self._wrap.radius_mm)
@@ -129,13 +129,13 @@ class _Builder:
         cell_ids: IntArray | None = None,
         cell_faces: IntArray | None = None,
     ) -> None:
-        """Copies of a shell: its faces, and those of its cell, whose indices count border first, then the foot.
+        """Add copies of a shell: its faces, and those of its cell, whose indices count the border first, then the foot.
 
         Foot vertices are the copy's own, unless `foot_ids` names them in the top sheet.
         """
         foot = shell.foot if foot_ids is None else shell.foot[:0]
         own = len(foot) + len(shell.above)
-        # the number of vertices of the sheet is not known yet: -1 - k stands for the k-th vertex of elements until `mesh`
+        # the number of the sheet's vertices is not known yet, so -1 - k is the k-th vertex of elements until `mesh`
         first = -1 - self._element_count - np.arange(len(parts))[:, None] * own  # negative: numbered after all others
         self._element_count += len(parts) * own
         own_ids = first - np.arange(own)
@@ -164,10 +164,10 @@ class _Builder:
     # Board
 
     def board(self) -> None:
-        """The top outside of whole cells, the back, and the walls between them."""
+        """Add the top outside whole cells, the back, and the walls between them."""
         rims, lattice = self._rims, self._lattice
         cuts = None if self._wrap is None else lattice.a_all_mm
-        # vertices of all borders are numbered before anything is triangulated: one more afterwards is an open edge
+        # vertices of all borders are numbered before the triangulation, as a later one would be on an open edge
         rest = rest_of_board(rims, cell_loops(lattice, self._whole), self._feet)
         known_top = [self._top_ids(rim) for rim in (rims.outline, *rims.holes)]
         back = Numbers()
@@ -180,12 +180,12 @@ class _Builder:
         known_back += [back(loop) for loop in loops]
         known_sunk = [sunk(loop) for loop in loops]
         count_back, count_sunk = len(back.points), len(sunk.points)
-        # the back outside of the mark, and the islands inside its figures, such as that of a 0
+        # the back without the mark, and the islands inside its figures, such as that of a 0
         bare = [
             shapely.Polygon(rims.outline, [*rims.holes, *(outer for outer, _ in pockets)]),
             *(shapely.Polygon(island) for _, islands in pockets for island in islands),
         ]
-        # triangles are counter-clockwise seen from above, and the back looks down
+        # triangles are counter-clockwise seen from above, and the back faces down
         back_faces = [back(self._joined(corners))[:, ::-1] for area in bare for corners in triangulated(area, cuts)]
         floors = [sunk(corners)[:, ::-1] for pocket in pockets for corners in triangulated(shapely.Polygon(*pocket), cuts)]
         if (len(self._others.points), len(back.points), len(sunk.points)) != (count_top, count_back, count_sunk):
@@ -195,10 +195,10 @@ class _Builder:
         known_top += [ids + sunk_first for ids in known_sunk]
         for rim, top, low in zip((rims.outline, *rims.holes, *loops), known_top, known_back, strict=True):
             steps = np.roll(rim, -1, axis=0) - rim
-            # the two ends of a whole shell meet: there is no wall
+            # the two ends of a whole shell coincide, without a wall
             seam = (np.abs(steps[:, 0]) <= _SAME_MM) & (rims.closed and rim is rims.outline)
             used = ~seam
-            # with the material on the left of p -> q the wall looks to the right: (p_low, q_low, q), (p_low, q, p)
+            # with the material on the left of p -> q the wall faces right: (p_low, q_low, q), (p_low, q, p)
             p, q = top[used], np.roll(top, -1)[used]
             p_low, q_low = low[used] + self._back_first, np.roll(low, -1)[used] + self._back_first
             faces += [np.stack([p_low, q_low, q], axis=1), np.stack([p_low, q, p], axis=1)]
@@ -220,7 +220,7 @@ class _Builder:
             points = []
             for start, end in zip(loop, np.roll(loop, -1, axis=0), strict=True):
                 low, high = min(start[0], end[0]), max(start[0], end[0])
-                # sides of the mark's cells are along the board's, so the other coordinate is that of `start`
+                # sides of the mark's cells are parallel to the board's, so the other coordinate is that of `start`
                 inside = cuts[(cuts > low + _SAME_MM) & (cuts < high - _SAME_MM)]
                 points += [start, *((x, start[1]) for x in (inside if end[0] > start[0] else inside[::-1]))]
             return np.array(points)
@@ -232,17 +232,17 @@ class _Builder:
         return self._lattice_points + len(self._others.points)
 
     def _joined(self, points_mm: FloatArray) -> FloatArray:
-        """Points with the two ends of a closed shell taken for one."""
+        """Points in which both ends of a closed shell have the same coordinate."""
         if not self._rims.closed:
             return points_mm
         first, last = self._lattice.a_all_mm[[0, -1]]
         joined = points_mm.copy()
-        # one number for both ends, or the shell would be open along a seam of equal but distinct vertices
+        # otherwise the shell would be open along a seam of duplicate vertices
         joined[np.abs(points_mm[..., 0] - last) < _SAME_MM, 0] = first
         return joined
 
     def _top_ids(self, points_mm: FloatArray) -> IntArray:
-        """Numbers of points of the top: of the lattice where they lie on it, of their own otherwise."""
+        """Numbers of points of the top: lattice vertices, or new ones."""
         points = self._joined(points_mm).reshape(-1, 2)
         ids = np.full(len(points), -1, dtype=np.int64)
         near = []
@@ -264,7 +264,7 @@ class _Builder:
         return self._wrap.point(self._wrap.angle_rad(ab_mm[:, 0]), ab_mm[:, 1], self._wrap.radius_mm + z_mm)
 
     def mesh(self) -> Mesh:
-        """All vertices that a triangle uses, and all triangles, turned over for a mould."""
+        """The mesh of all triangles, reversed for a mould, and of the vertices that they use."""
         form, lattice = self._form, self._lattice
         a, b = np.meshgrid(self._a, lattice.b_mm, indexing="ij")
         others = np.array(self._others.points).reshape(-1, 2)
@@ -283,7 +283,7 @@ class _Builder:
         for ids, triangles in copies:
             # -1 - k becomes own + k
             np.subtract(own - 1, ids, out=ids, where=ids < 0)
-            # points of the lattice inside cells that are not whole belong to no triangle
+            # lattice points inside cells that are not whole belong to no triangle
             used[ids[:, np.unique(triangles)]] = True
         number = np.cumsum(used) - 1
         faces = np.empty((sum(len(ids) * len(triangles) for ids, triangles in copies), 3), dtype=np.int64)
@@ -293,5 +293,5 @@ class _Builder:
             out = faces[begin:end].reshape(len(ids), *triangles.shape)
             np.take(number[ids], triangles, axis=1, out=out, mode="clip")  # any other mode makes a copy first
         vertices = vertices if used.all() else vertices[used]
-        # a mould has its material on the other side of the same surface
+        # a mould has the material on the other side of the same surface
         return Mesh(vertices_mm=vertices, faces=faces[:, ::-1] if form.negative else faces)

@@ -1,4 +1,4 @@
-"""Elements as open meshes: sides and top, and a foot with a vertex wherever a cut of the surface crosses it."""
+"""Elements as open meshes of sides and top; the foot has a vertex wherever a cut of the surface crosses it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BISECTIONS = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shell:
-    """An element without its foot's inside.
+    """An element's sides and top, open at the foot.
 
     foot (m, 2): Counter-clockwise, in the part's frame.
     above (k, 3): The other vertices, in the part's frame (height over the tangent plane).
@@ -42,9 +42,9 @@ class Shell:
 
 
 def element_shells(part: TapePart, cuts_mm: Sequence[FloatArray], radius_mm: float | None) -> list[Shell]:
-    """Shells of an element on a plane, or on a cylinder of some radius, one for each set of cuts.
+    """Shells of an element on a plane or, with `radius_mm`, on a cylinder, one for each set of cuts.
 
-    cuts_mm: Tangential offsets at which the surface is cut: where one crosses the foot, the foot has a vertex exactly on it.
+    cuts_mm: Tangential offsets at which the surface is cut; the foot has a vertex exactly on each one that crosses it.
     """
     if part.shape == "block":
         return [_block_shell(part, cuts) for cuts in cuts_mm]
@@ -69,14 +69,14 @@ def _block_shell(part: TapePart, cuts_mm: FloatArray) -> Shell:
         foot.append((px, py))
         # a side along the cylinder's axis meets no cut, or lies along one
         if abs(qx - px) > _LEAST_SHARE:
-            # the cut's own number is the vertex's x: strips that are cut there have the same vertex to the last bit
+            # the vertex's x is exactly the cut's, as in the strips on both sides
             shares = sorted(((cut - px) / (qx - px), cut) for cut in cuts_mm.tolist())
             foot += [(cut, py + s * (qy - py)) for s, cut in shares if _LEAST_SHARE < s < 1 - _LEAST_SHARE]
     m = len(foot)
     faces = []
     for k in range(4):
         ends = [*range(firsts[k], firsts[k + 1] if k < 3 else m), firsts[(k + 1) % 4]]
-        # on a cylinder the foot of a side is an arc of an ellipse in the side's plane: a fan keeps each of its vertices
+        # on a cylinder the foot of a side is an elliptic arc in the side's plane; a fan uses each of its vertices
         faces += [(a, b, m + (k + 1) % 4) for a, b in pairwise(ends)]
         faces.append((ends[0], m + (k + 1) % 4, m + k))
     faces += [(m, m + 1, m + 2), (m, m + 2, m + 3)]
@@ -85,17 +85,17 @@ def _block_shell(part: TapePart, cuts_mm: FloatArray) -> Shell:
 
 
 def _dome_shell(part: TapePart, angle: FloatArray, on_cut: FloatArray, reach: FloatArray) -> Shell:
-    """A cap or a cone in rings of equal directions, whose foot reaches so far in each."""
+    """A cap or cone in rings of equal directions; `reach` is the radius of its foot in each."""
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     foot = reach[:, None] * direction
-    # bisection ends within rounding of a cut, the sheet asks for the cut itself
+    # exactly on the cut, which bisection finds within rounding only
     foot[:, 0] = np.where(np.isnan(on_cut), foot[:, 0], on_cut)
     height_mm = part.body_mm[2]
     if part.top_mm is not None:
         radii, heights = np.full((1, len(angle)), part.top_mm / 2), np.full((1, len(angle)), height_mm)
     else:
         sphere_mm, rings_n = sphere_radius_mm(part), dome_rings(part)
-        # on a cylinder each direction has a foot of its own: rings divide its own angle from the foot to the apex
+        # on a cylinder the foot depends on the direction: rings divide the angle from foot to apex in each
         polar = np.arcsin(np.minimum(reach / sphere_mm, 1.0)) * (1 - np.arange(1, rings_n) / rings_n)[:, None]
         radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
     above = np.concatenate([radii[..., None] * direction, heights[..., None]], axis=2).reshape(-1, 3)
@@ -111,24 +111,24 @@ def _dome_shell(part: TapePart, angle: FloatArray, on_cut: FloatArray, reach: Fl
 def _foot_angles(
     count: int, cuts_mm: Sequence[FloatArray], foot_radius: Callable[[FloatArray], FloatArray]
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Of each set of cuts the directions of a foot's vertices, `count` regular ones and those on cuts, ascending, and the cut of
-    each (NaN: none).
+    """For each set of cuts the ascending directions of a foot's vertices, `count` regular ones and those on cuts, and the cut of
+    each (NaN for none).
     """
     regular = np.arange(count) * (2 * pi / count)
-    # a cut beyond the foot's two ends along the tangent does not meet it
+    # a cut beyond the foot's ends along the tangent does not cross it
     ends = foot_radius(np.array([0.0, pi]))
     crossed = [cuts[(cuts > -ends[1]) & (cuts < ends[0])] for cuts in cuts_mm]
-    # each cut crosses the foot twice: once going from 0 to pi, once from 2 pi back to pi; all sets are bisected at once
+    # each cut crosses the foot twice: between 0 and pi, and between pi and 2 pi; all sets are bisected at once
     target = np.concatenate([np.tile(cuts, 2) for cuts in crossed])
     near, far = np.concatenate([np.repeat([0.0, 2 * pi], len(cuts)) for cuts in crossed]), np.full(len(target), pi)
-    for _ in range(_BISECTIONS):  # the offset falls steadily from the near end to the far one
+    for _ in range(_BISECTIONS):  # the offset decreases monotonically from end to end
         middle = (near + far) / 2
         beyond = foot_radius(middle) * np.cos(middle) > target
         near, far = np.where(beyond, middle, near), np.where(beyond, far, middle)
     ends_at = np.cumsum([2 * len(cuts) for cuts in crossed])[:-1]
     found = []
     for crossing, on in zip(np.split((near + far) / 2, ends_at), np.split(target, ends_at), strict=True):
-        # a regular vertex beside a crossing would make a sliver
+        # a regular vertex next to a crossing would make a sliver
         apart = np.abs((regular[:, None] - crossing + pi) % (2 * pi) - pi).min(axis=1, initial=pi) > _LEAST_TURN_RAD
         angle = np.concatenate([regular[apart], crossing])
         on_cut = np.concatenate([np.full(int(apart.sum()), np.nan), on])

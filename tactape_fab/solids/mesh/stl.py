@@ -1,4 +1,4 @@
-"""Reader of STL that checks what every print needs: closed, one body, facing outward. No mesh library is needed."""
+"""Reader of binary STL, with checks that the mesh is one closed body that faces outward; without a mesh library."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tactape_fab.texture.frames import IntArray
 
 _HEADER_BYTES, _TRIANGLE_BYTES = 84, 50
 _PIECE_TRIANGLES = 100_000
-"""Triangles that are read at once: bounds the memory."""
+"""Triangles that are read at once, which bounds the memory."""
 MOST_TRIANGLES = 20_000_000
 _JOINED_MM = 1e-6
-"""Vertices nearer than a nanometre are one to many programs, trimesh (1e-8) among them: the mesh is another one to each."""
+"""Many programs, such as trimesh (1e-8), merge vertices nearer than a nanometre, and so read another mesh."""
 _THIN = 1e-4
-"""Area of a triangle over the product of two sides, below which rounding to float32 may turn its normal."""
+"""Area of a triangle relative to the product of two sides, below which rounding to float32 may change its normal."""
 _SAME_WAY = 0.99
-"""Cosine between a triangle's normal and that of its corners; float32 leaves 1e-3 rad to triangles that are not thin."""
+"""Least cosine between a triangle's stored normal and that of its corners; float32 causes 1e-3 rad if it is not thin."""
 
 
 class MeshError(TactapeError):
@@ -32,7 +32,7 @@ class MeshError(TactapeError):
 def read_stl(data: bytes) -> Mesh:
     """A binary STL with equal corners merged into vertices.
 
-    Raises MeshError if the data is not binary STL, is too large, or holds coordinates that are NaN or infinite.
+    Raises MeshError if the data is not binary STL, is too large, or has coordinates that are NaN or infinite.
     """
     corners = stl_corners(data).reshape(-1, 3)
     vertices, faces = _merged(corners + np.float32(0.0))  # -0 becomes 0
@@ -40,7 +40,7 @@ def read_stl(data: bytes) -> Mesh:
 
 
 def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
-    """Corners of every triangle of a binary STL, which they are a view of; shape (f, 3, 3).
+    """Corners of every triangle of a binary STL, as a view of its bytes; shape (f, 3, 3).
 
     Raises MeshError as `read_stl` does.
     """
@@ -49,7 +49,7 @@ def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
 
 
 def stl_corner_pieces(stream: BinaryIO) -> Iterator[npt.NDArray[np.float32]]:
-    """The same of a file, piece by piece, each of shape (k, 3, 3)."""
+    """Corners of every triangle of a file, in pieces of shape (k, 3, 3)."""
     size = stream.seek(0, SEEK_END)
     stream.seek(0)
     _check_size(stream.read(_HEADER_BYTES), size)
@@ -74,8 +74,8 @@ def _finite_corners(data: bytes, offset: int = 0) -> npt.NDArray[np.float32]:
 
 
 def _merged(points: np.ndarray) -> tuple[np.ndarray, IntArray]:
-    """Equal points once, and which of them each was."""
-    # equal to the last bit only: a writer gives equal vertices equal corners, and near ones are a fault that is looked for below
+    """The distinct points, and the index of each point among them."""
+    # only exactly equal points, as a writer gives a vertex equal corners; near ones are a problem that is checked below
     order = np.lexsort(points.T)
     ordered = points[order]
     first = np.ones(len(points), dtype=bool)
@@ -86,9 +86,9 @@ def _merged(points: np.ndarray) -> tuple[np.ndarray, IntArray]:
 
 
 def stl_problems(data: bytes) -> list[str]:
-    """Reasons why readers may take a binary STL, which `read_stl` reads, for another one; empty if there are none.
+    """Reasons why other readers may read a binary STL differently from `read_stl`; empty if there are none.
 
-    Some readers take a file that begins with "solid" for ASCII, and some take the outside from the normals, not from the corners.
+    Some take a file that begins with "solid" for ASCII, and some orient triangles by the normals instead of the corners.
     """
     problems = ["it begins with 'solid', so that many readers take it for ASCII"] if data[:5].lower() == b"solid" else []
     triangles = np.frombuffer(data, dtype=STL_TRIANGLE, offset=_HEADER_BYTES)
@@ -101,7 +101,7 @@ def stl_problems(data: bytes) -> list[str]:
         across = np.cross(one, other)
         area = np.sqrt(np.einsum("ij,ij->i", across, across))
         sides = np.sqrt(np.einsum("ij,ij->i", one, one) * np.einsum("ij,ij->i", other, other))
-        # zeros leave it to the reader
+        # a zero normal leaves it to the reader
         sure = (area > _THIN * sides) & normals.any(axis=1)
         with np.errstate(invalid="ignore"):  # of infinite normals
             agree = np.einsum("ij,ij->i", across, normals) > _SAME_WAY * area
@@ -117,7 +117,7 @@ def mesh_problems(mesh: Mesh) -> list[str]:
     if (a == b).any():
         problems.append(f"{int((a == b).reshape(-1, 3).any(axis=1).sum())} triangles without area")
     count = len(mesh.vertices_mm)
-    # closed and of one orientation: every directed edge once, and its opposite once
+    # closed and consistently oriented: every directed edge occurs once, and so does its opposite
     edge, back = np.sort(a * count + b), np.sort(b * count + a)
     if (edge[1:] == edge[:-1]).any():
         _, uses = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_counts=True)
@@ -140,19 +140,19 @@ def mesh_problems(mesh: Mesh) -> list[str]:
 
 
 def body_count(mesh: Mesh) -> int:
-    """Bodies that are connected through vertices."""
+    """Number of bodies, connected through vertices."""
     return len(np.unique(patches(mesh.faces, len(mesh.vertices_mm))[mesh.faces]))
 
 
 def patches(faces: IntArray, count: int) -> IntArray:
-    """Lowest vertex of the connected triangles that each of `count` vertices belongs to; shape (count,)."""
+    """Label of the connected component of each of `count` vertices, which is its lowest vertex; shape (count,)."""
     label = np.arange(count)
     while True:
         least = label[faces].min(axis=1)
         new = label.copy()
         for k in range(3):
             np.minimum.at(new, faces[:, k], least)
-        # the label of a label, twice: chains of labels shorten to a quarter in each round
+        # the label of a label, twice: chains of labels shorten to a quarter per round
         new = new[new]
         new = new[new]
         if np.array_equal(new, label):

@@ -1,4 +1,4 @@
-"""Mesh and its two formats: binary STL, and 3MF as our own text and zip, the same bytes every time."""
+"""Triangle meshes, and their reproducible files: binary STL, and 3MF."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tactape_fab.base.number_rows import number_rows
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _PIECE_ROWS = 20_000
-"""Vertices or triangles that are written at once: bounds the memory."""
+"""Vertices or triangles that are written at once, which bounds the memory."""
 _ROW_BYTES = 60
-"""More than a vertex or triangle takes in the XML of a 3MF."""
+"""Upper bound of the bytes of a vertex or triangle in the XML of a 3MF."""
 _DEFLATE_LEVEL = 4
-"""Of zlib: three times as fast as its own level, 6, for 5 % more bytes of a 3MF (`python -m tests.bench.make_cost`)."""
+"""zlib level: three times as fast as the default of 6, for 5 % more bytes of a 3MF (`python -m tests.bench.make_cost`)."""
 _LEVEL_NAME = "compress_level" if hasattr(zipfile.ZipInfo, "compress_level") else "_compresslevel"
-"""The level of an entry, which has a public name from Python 3.13 on, and where that is missing no other any more."""
+"""Attribute of a ZipInfo with the level, which is public from Python 3.13 on."""
 _STL_HEADER_BYTES = 80
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -48,7 +48,7 @@ class Mesh:
     @property
     def volume_mm3(self) -> float:
         """Enclosed volume, by the divergence theorem about the mesh's middle."""
-        # signed tetrahedra a . (b x c) / 6; about the middle, as far from the origin their sum would lose digits
+        # signed tetrahedra a . (b x c) / 6 about the middle, as their sum would lose digits far from the origin
         a, b, c = np.moveaxis(self.corners_mm - self.vertices_mm.mean(axis=0), 1, 0)
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
@@ -59,9 +59,9 @@ def stl_bytes(mesh: Mesh, title: str) -> bytes:
 
 
 def stl_pieces(mesh: Mesh, title: str) -> Iterator[bytes]:
-    """Binary STL in mm, piece by piece; `title` is in the header, which must not begin with "solid".
+    """Binary STL in mm, in pieces; `title` is in the header, and must not begin with "solid".
 
-    Corners are the vertices rounded to float32, equal vertices to equal corners: a closed mesh stays closed.
+    Corners are the vertices rounded to float32; equal vertices give equal corners, so that a closed mesh stays closed.
     """
     header: bytes = f"binary STL, mm: {title}".encode("ascii", "replace")[:_STL_HEADER_BYTES].ljust(_STL_HEADER_BYTES)
     yield header + len(mesh.faces).to_bytes(4, "little")
@@ -101,20 +101,20 @@ THREEMF_MODEL = "3D/3dmodel.model"
 
 
 def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: datetime) -> bytes:
-    """3MF with unit, title and metadata; compressed, dated `date`, the same bytes every time.
+    """3MF with unit, title and metadata, compressed and dated `date`; equal meshes give equal bytes.
 
     metadata: Well-known names of the 3MF core specification (section 3.4.1), such as Description and Application.
     date: From 1980 to 2107.
     """
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:  # a level given here is not for entries of ours
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:  # a level given here would not apply to our entries
         for path, pieces in (
             *((path, [part]) for path, part in THREEMF_PARTS.items()),
             (THREEMF_MODEL, _model_xml(mesh, title, metadata)),
         ):
             entry = zip_entry(path, date)
             setattr(entry, _LEVEL_NAME, _DEFLATE_LEVEL)
-            entry.file_size = _ROW_BYTES * (len(mesh.vertices_mm) + len(mesh.faces))  # beyond 2 GB a longer entry is needed
+            entry.file_size = _ROW_BYTES * (len(mesh.vertices_mm) + len(mesh.faces))  # more than 2 GB needs a zip64 entry
             with archive.open(entry, "w") as member:
                 for piece in pieces:
                     member.write(piece)

@@ -1,6 +1,6 @@
-"""A tape as a rigid body for simulators: its mesh with texture coordinates, convex pieces that collide, mass and inertia.
+"""A tape as a rigid body for simulators: mesh with texture coordinates, convex collision shapes, mass and inertia.
 
-All in the kit's own frame (board frame; of an embossed part that of the part's file) and in SI units: m, kg.
+Everything is in the kit's frame (board frame; for an embossed part that of the part's file) and in SI units: m, kg.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 
 FILM_KG_M3 = 1420.0
-"""Polyimide (DuPont, data sheet of Kapton HN)."""
+"""Density of polyimide (DuPont, data sheet of Kapton HN)."""
 CHIP_KG_M3 = 3900.0
-"""Alumina of 96 %, what a chip resistor is made of: 0.16 mg for an 0201."""
+"""Density of 96 % alumina, the material of chip resistors: 0.16 mg for an 0201."""
 PRINTED_KG_M3 = 1200.0
-"""Printing resins and plastics have 1100 to 1250 when cured."""
+"""Density of printed parts: cured resins and plastics have 1100 to 1250."""
 _MOST_SLICE_RAD = pi / 18
 _M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """A box that collides: its centre, half of its sides, m, and its turn about an axis: (x, y, z) of the axis times rad."""
+    """A collision box: centre and half sides, m, and rotation as a vector: axis times angle in rad."""
 
     centre: tuple[float, float, float]
     half: tuple[float, float, float]
@@ -41,7 +41,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frame:
-    """A frame on a flat body: its origin, m, and by how much its x is turned from the body's; its z points into the tape."""
+    """A frame on a flat body: origin, m, and angle of its x axis from the body's; its z axis points into the tape."""
 
     name: str
     origin: tuple[float, float, float]
@@ -52,12 +52,12 @@ class Frame:
 class Body:
     """A rigid body.
 
-    mesh: What is seen, mm.
+    mesh: Visual mesh, mm.
     uv (v, 2): Texture coordinates of its vertices: (0, 0) is the board's lower left corner, (1, 1) its upper right one.
-    boxes: What collides: together the base without its elements.
-    hull: What collides instead, where the body is not made of boxes.
-    centre (3,): Of mass.
-    inertia (3, 3): About it, along the body's axes.
+    boxes: Collision shapes, which together form the base without elements.
+    hull: Collision shape in place of boxes.
+    centre (3,): Centre of mass.
+    inertia (3, 3): Inertia about it, along the body's axes.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Body:
 
 
 def tape_body(tape: Tape, form: SolidForm | None) -> Body:
-    """A tape as a body: a film with its parts, or a texture of solid elements (`form`), flat or round a cylinder."""
+    """A tape as a body: a film with its parts, or a texture of solid elements (`form`), flat or on a cylinder."""
     shape = SolidForm(base_mm=tape.board.thickness_mm) if form is None else form
     mesh = texture_mesh(tape, shape)
     board = unwrapped(mesh.vertices_mm, tape, shape)
@@ -93,7 +93,7 @@ def tape_body(tape: Tape, form: SolidForm | None) -> Body:
 
 
 def part_body(name: str, mesh: Mesh) -> Body:
-    """A texture on the user's own part as a body: its convex hull collides, its density is that of a printed part."""
+    """A texture on the user's own part as a body, with its convex hull for collisions and the density of a printed part."""
     hull = library("trimesh", "a part's convex hull").Trimesh(mesh.vertices_mm, mesh.faces, process=False).convex_hull
     mass, centre, inertia = solid_mass(mesh, PRINTED_KG_M3)
     around = Mesh(vertices_mm=np.asarray(hull.vertices, dtype=np.float64), faces=np.asarray(hull.faces, dtype=np.int64))
@@ -106,18 +106,18 @@ def _film_box(tape: Tape, base_mm: float) -> Box:
 
 
 def _slices(wrap: Wrap, base_mm: float) -> list[Box]:
-    """A cylinder's wall as boxes that touch it on the outside in their middles."""
+    """A cylinder's wall as boxes that are tangent to its outside at their middles."""
     first, last = (-pi, pi) if wrap.cylinder.shell == "whole" else wrap.ends_rad
-    # ten degrees: corners of a box stand out by R (1 / cos 5 deg - 1), 0.4 % of the radius
+    # at most ten degrees: corners of a box protrude by R (1 / cos 5 deg - 1), 0.4 % of the radius
     count = ceil((last - first) / _MOST_SLICE_RAD)
     step, along = (last - first) / count, wrap.turn[:, 1]
-    # tangents at the middles of two neighbours meet at R tan(step / 2): the outer faces close without a gap
+    # tangents at the middles of two neighbours meet at R tan(step / 2), so that the outer faces join without a gap
     half = _M * np.array([wrap.radius_mm * np.tan(step / 2), (wrap.b_mm[1] - wrap.b_mm[0]) / 2, base_mm / 2])
     boxes = []
     for angle in first + step * (np.arange(count) + 0.5):
         centre = _M * wrap.point(angle, sum(wrap.b_mm) / 2, wrap.radius_mm - base_mm / 2)
-        sides = np.abs(wrap.turn) @ half  # the box's own axes are along the file's: its turn is about the cylinder's
-        # about the cylinder's axis as the file has it: angle 0 is the middle line, where a box needs no turn
+        sides = np.abs(wrap.turn) @ half  # the unrotated box is parallel to the file's axes
+        # rotation about the cylinder's axis in the file's frame, from the middle line
         turn = along * angle
         x, y, z = centre.tolist()
         boxes.append(Box(centre=(x, y, z), half=(sides[0], sides[1], sides[2]), turn=(turn[0], turn[1], turn[2])))
@@ -125,16 +125,16 @@ def _slices(wrap: Wrap, base_mm: float) -> list[Box]:
 
 
 def _film_mass(tape: Tape) -> tuple[float, FloatArray, FloatArray]:
-    """Mass, its centre and inertia of a film as a box, and of its parts as points on it."""
+    """Mass, centre of mass and inertia of a film as a box with its parts as point masses."""
     size = _M * np.array([*tape.board.size_mm, tape.board.thickness_mm])
-    # corners and holes are not taken off: corners of 1 mm are 0.02 % of a board of 100 x 50 mm
+    # corners and holes are ignored: corners of 1 mm are 0.02 % of a board of 100 x 50 mm
     film = FILM_KG_M3 * float(size.prod())
     middle = size * (0.5, 0.5, -0.5)
     part = CHIP_KG_M3 * element_volume_mm3(tape.part) * _M**3
     points = _M * np.column_stack([tape.part_xy_mm(), np.full(tape.part_count, tape.part.body_mm[2] / 2)])
     mass = film + part * len(points)
     centre = (film * middle + part * points.sum(axis=0)) / mass
-    # of a box: m (b^2 + c^2) / 12 about the axis along a
+    # inertia of a box: m (b^2 + c^2) / 12 about the axis along a
     own = film * np.diag(float(size @ size) - size * size) / 12
     return mass, centre, own + _steiner(film, (middle - centre)[None]) + _steiner(part, points - centre)
 
@@ -147,13 +147,13 @@ def _steiner(mass: float, offsets: FloatArray) -> FloatArray:
 
 
 def solid_mass(mesh: Mesh, density: float) -> tuple[float, FloatArray, FloatArray]:
-    """Mass, its centre and inertia about it of a closed mesh that is filled, kg and m: by tetrahedra to one point.
+    """Mass, centre of mass, and inertia about it, of the solid inside a closed mesh, in kg and m, as a sum of tetrahedra.
 
     Tonon, "Explicit exact formulas for the 3-D tetrahedron inertia tensor", J. Math. Stat. 1 (2005) 8-11.
     """
     corners = _M * mesh.corners_mm
     middle = corners.reshape(-1, 3).mean(axis=0)
-    # the tetrahedra have their fourth corner in the middle: far from it signed volumes would cancel at the cost of digits
+    # the tetrahedra have their fourth corner at the middle, as signed volumes would lose digits by cancellation otherwise
     corners = corners - middle
     volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     sums = corners.sum(axis=1)
@@ -162,13 +162,13 @@ def solid_mass(mesh: Mesh, density: float) -> tuple[float, FloatArray, FloatArra
     centre = volumes @ sums / 4 / volume
     # integral of x x^T over a tetrahedron of volume V: V / 20 (s s^T + sum of c c^T), s the sum of its corners c
     second = np.einsum("i,ij,ik->jk", volumes, sums, sums) + np.einsum("i,inj,ink->jk", volumes, corners, corners)
-    # from the middle of the vertices to the centre of mass (Steiner)
+    # moved from the middle of the vertices to the centre of mass (Steiner)
     second = second / 20 - volume * np.outer(centre, centre)
     return density * volume, middle + centre, density * (np.trace(second) * np.eye(3) - second)
 
 
 def _frames(tape: Tape) -> list[Frame]:
-    """The texture frame, and the tag's as AprilRobotics has it: x right, y down on the upright tag."""
+    """The texture frame, and the tag's frame by AprilRobotics' convention: x right, y down on the upright tag."""
     x, y = tape.board.texture_origin_mm
     frames = [Frame(name="texture", origin=(_M * x, _M * y, 0.0))]
     if tape.tag is not None:

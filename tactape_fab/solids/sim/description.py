@@ -1,4 +1,4 @@
-"""A body as MuJoCo's MJCF and as URDF; both load as they are, beside the OBJ file that they name."""
+"""A body as MuJoCo's MJCF and as URDF, which refer to an OBJ file beside them."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from tactape_fab.solids.sim.body import Body, Box, Frame
 
 Colour = tuple[float, float, float]
 _SEEN, _COLLIDES = 2, 3
-"""MuJoCo's usual groups of geoms that are seen and of those that collide, which its viewer hides."""
+"""MuJoCo's customary groups of visual geoms, and of collision geoms, which its viewer hides."""
 _TAKEN = ("world", "texture", "tag")
-"""Names of bodies and links that a tape's own may not be: MuJoCo's root, and those of frames."""
+"""Names of bodies and links that a tape's name must not be: MuJoCo's root, and the frames."""
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers with blanks between."""
+    """Numbers as text, separated by blanks."""
     return " ".join(f"{value + 0.0:.9g}" for value in np.ravel(np.asarray(values, dtype=np.float64)))
 
 
 def quaternion(turn: tuple[float, float, float]) -> tuple[float, float, float, float]:
-    """A turn (axis times rad) as a quaternion, w first."""
+    """A rotation vector (axis times rad) as a quaternion, w first."""
     angle = float(np.linalg.norm(turn))
     x, y, z = (0.0, 0.0, 0.0) if angle == 0.0 else (np.sin(angle / 2) * np.array(turn) / angle).tolist()
     return float(np.cos(angle / 2)), x, y, z
 
 
 def frame_quaternion(frame: Frame) -> tuple[float, float, float, float]:
-    """The axes of a frame: half a turn about x, then its own about z; w first."""
-    # (cos t/2 + k sin t/2) i = i cos t/2 + j sin t/2: half a turn about x, then t about the body's z; in URDF rpy = (pi, 0, t)
+    """Orientation of a frame as a quaternion, w first: half a turn about x, then its angle about the body's z."""
+    # (cos t/2 + k sin t/2) i = i cos t/2 + j sin t/2; in URDF rpy = (pi, 0, t)
     return 0.0, float(np.cos(frame.turn_rad / 2)), float(np.sin(frame.turn_rad / 2)), 0.0
 
 
 def _link(body: Body) -> str:
-    """The body's name as a body or link."""
+    """The name of the body or link."""
     return f"{body.name}_body" if body.name in _TAKEN else body.name
 
 
 def mjcf(body: Body, mesh_file: str, colour_file: str | None, rgb: Colour) -> bytes:
-    """The body with its visual mesh, what collides, inertia, and a site for each frame; without a joint, as an object's skin.
+    """The body with visual mesh, collision shapes, inertia, and a site for each frame; without a joint, to be part of an object.
 
-    All turns are quaternions: a unit of angles would be that of the whole model that includes the file.
+    Rotations are quaternions, as the unit of angles is that of the whole model that includes the file.
     """
     m = body.inertia
     # MJCF's order of a full inertia: the diagonal, then xy, xz, yz
@@ -62,7 +62,7 @@ def mjcf(body: Body, mesh_file: str, colour_file: str | None, rgb: Colour) -> by
         *(f"      {_geom(k, box)}" for k, box in enumerate(body.boxes)),
         *(
             []
-            if body.hull is None  # MuJoCo takes the hull of any mesh that collides
+            if body.hull is None  # MuJoCo uses the convex hull of any collision mesh
             else [f'      <geom name="collision" type="mesh" mesh="{body.name}" group="{_COLLIDES}"/>']
         ),
         *(
@@ -85,8 +85,8 @@ def _geom(number: int, box: Box) -> str:
 
 
 def urdf(body: Body, mesh_file: str, hull_file: str | None, rgb: Colour) -> bytes:
-    """The body as one link, and each frame as a link that is fixed to it."""
-    # about the centre of mass along the link's own axes, hence rpy 0 of its origin
+    """The body as one link, and each frame as a link with a fixed joint."""
+    # about the centre of mass along the link's axes, so the origin has rpy 0
     m = body.inertia
     entries = {"ixx": m[0, 0], "iyy": m[1, 1], "izz": m[2, 2], "ixy": m[0, 1], "ixz": m[0, 2], "iyz": m[1, 2]}
     inertia = " ".join(f'{name}="{value + 0.0:.9g}"' for name, value in entries.items())
@@ -104,11 +104,11 @@ def urdf(body: Body, mesh_file: str, hull_file: str | None, rgb: Colour) -> byte
         f'      <material name="look"><color rgba="{numbers([*rgb, 1])}"/></material>',
         "    </visual>",
     ]
-    for box in body.boxes:  # each turns about one axis alone, so that its turn is its roll, pitch and yaw
+    for box in body.boxes:  # each is rotated about a single axis, so the rotation vector equals roll, pitch and yaw
         lines += [
             "    <collision>",
             f'      <origin xyz="{numbers(box.centre)}" rpy="{numbers(box.turn)}"/>',
-            # URDF gives whole sides where MJCF gives half ones
+            # URDF has whole sides, MJCF half sides
             f'      <geometry><box size="{numbers(2 * np.array(box.half))}"/></geometry>',
             "    </collision>",
         ]

@@ -1,4 +1,4 @@
-"""A body's geometry as OBJ, USD text and glTF; metres."""
+"""A body's geometry as OBJ, USD text and glTF, in metres."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SHEET_COLUMNS = 180
 
 
 def obj(mesh: Mesh, uv: FloatArray | None = None, material_file: str | None = None) -> bytes:
-    """Wavefront OBJ, z up, m to a tenth of a micrometre; faces one by one, each with its own normal for the reader to find."""
+    """Wavefront OBJ, z up, in m with a resolution of a tenth of a micrometre; without normals, so that faces are flat."""
     head = "" if material_file is None else f"mtllib {material_file}\nusemtl look\n"
     points = "v %.7f %.7f %.7f\n" * len(mesh.vertices_mm) % tuple((_M * mesh.vertices_mm + 0.0).ravel().tolist())
     one = mesh.faces + 1
@@ -42,7 +42,7 @@ def mtl(colour_file: str | None, rgb: Colour) -> bytes:
     return ("\n".join([*lines, *([f"map_Kd {colour_file}"] if colour_file else [])]) + "\n").encode("ascii")
 
 
-# USD, as text: a crate would need usd-core, and the bytes of a kit must not depend on what is installed
+# USD as text: the binary format needs usd-core, and the bytes of a kit must not depend on installed libraries
 
 
 def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
@@ -50,7 +50,7 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
     name = re.sub(r"\W", "_", body.name)
     name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
     values, vectors = np.linalg.eigh(body.inertia)
-    # eigenvectors may come as a mirror image, which no quaternion is
+    # eigenvectors may be left-handed, which a quaternion cannot represent
     vectors[:, 2] *= np.sign(np.linalg.det(vectors))
     faces, points = body.mesh.faces, _M * body.mesh.vertices_mm
     collides = "" if body.hull is None else ', "PhysicsCollisionAPI", "PhysicsMeshCollisionAPI"'
@@ -66,7 +66,7 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
         f"    float physics:mass = {body.mass:.9g}",
         f"    point3f physics:centerOfMass = {_tuple(body.centre)}",
         f"    float3 physics:diagonalInertia = {_tuple(values)}",
-        # how the principal axes lie in the body's frame, they are the matrix's columns; USD has the real part first
+        # the matrix's columns are the principal axes in the body's frame; USD has the real part first
         f"    quatf physics:principalAxes = {_tuple(matrix_quaternion(vectors))}",
         f'    def Mesh "visual" (prepend apiSchemas = ["MaterialBindingAPI"{collides}])',
         "    {",
@@ -99,7 +99,7 @@ def usda(body: Body, colour_file: str | None, rgb: Colour) -> bytes:
 
 
 def matrix_quaternion(rotation: FloatArray) -> FloatArray:
-    """A rotation matrix as a quaternion, w first and not negative: the eigenvector of Bar-Itzhack's matrix (2000)."""
+    """A rotation matrix as a quaternion, w first and non-negative: an eigenvector of Bar-Itzhack's matrix (2000)."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
     k = np.array(
         [
@@ -109,7 +109,7 @@ def matrix_quaternion(rotation: FloatArray) -> FloatArray:
             (zy - yz, xz - zx, yx - xy, xx + yy + zz),
         ]
     )
-    # three times Bar-Itzhack's matrix, with its eigenvectors: that of the largest value is the nearest rotation's
+    # three times Bar-Itzhack's matrix; the eigenvector of its largest eigenvalue is the nearest rotation
     x, y, z, w = np.linalg.eigh(k)[1][:, -1].tolist()
     return np.array([w, x, y, z]) * (1.0 if w >= 0 else -1.0)
 
@@ -155,7 +155,7 @@ def _collision(name: str, box: Box) -> list[str]:
     return [
         f'    def Cube "{name}" (prepend apiSchemas = ["PhysicsCollisionAPI"])',
         "    {",
-        # a cube of half side 1, so that the scale is half the sides, as in the other formats
+        # a cube with sides of 2, so that the scale is half the sides, as in the other formats
         "        double size = 2",
         '        uniform token purpose = "guide"',
         f"        double3 xformOp:translate = {_tuple(box.centre)}",
@@ -174,14 +174,14 @@ def _tuples(form: str, values: FloatArray) -> str:
     return ", ".join([form] * len(values)) % tuple(values.ravel().tolist())
 
 
-# glTF: a smooth sheet whose texture is in its normal map
+# glTF: a smooth sheet with the texture as a normal map
 
 
 def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png: bytes, rgb: Colour) -> bytes:
-    """A binary glTF 2.0: the surface that carries the elements, with colours and their relief as a normal map; y up."""
+    """A binary glTF 2.0: the surface below the elements, with colours and the relief as a normal map; y up."""
     points, normals, uv, faces = _sheet(tape, form)
     arrays = [
-        # glTF's names of OpenGL: 34962 array buffer, 34963 element array buffer, 5126 float, 5125 unsigned int
+        # OpenGL's constants: 34962 array buffer, 34963 element array buffer, 5126 float, 5125 unsigned int
         (points.astype("<f4"), 34962, 5126, "VEC3"),
         (normals.astype("<f4"), 34962, 5126, "VEC3"),
         ((uv * (1, -1) + (0, 1)).astype("<f4"), 34962, 5126, "VEC2"),  # glTF counts v from the top
@@ -192,13 +192,13 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
     for k, chunk in enumerate(chunks):
         target = {"target": arrays[k][1]} if k < len(arrays) else {}
         views.append({"buffer": 0, "byteOffset": at, "byteLength": len(chunk), **target})
-        # every view begins at a multiple of 4, as accessors of floats must
+        # views begin at multiples of 4 bytes, as accessors of floats require
         at += len(chunk) + -len(chunk) % 4
     accessors = [
         {"bufferView": k, "componentType": kind, "count": len(array), "type": shape}
         for k, (array, _, kind, shape) in enumerate(arrays)
     ]
-    # bounds are mandatory for positions
+    # glTF requires bounds of positions
     accessors[0] |= {"min": arrays[0][0].min(axis=0).tolist(), "max": arrays[0][0].max(axis=0).tolist()}
     look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 0.6, "baseColorFactor": [*rgb, 1.0]}
     if colour_png is not None:
@@ -214,7 +214,7 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
             {"name": "look", "pbrMetallicRoughness": look, "normalTexture": {"index": 0}, "doubleSided": True},
         ],
         "textures": [{"source": k, "sampler": 0} for k in range(len(chunks) - len(arrays))],
-        # linear, linear between mipmaps too, clamped to the edge: the texture's border must not wrap round
+        # linear, also between mipmaps, clamped to the edge, so that the texture's border does not repeat
         "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
         "images": [{"bufferView": len(arrays) + k, "mimeType": "image/png"} for k in range(len(chunks) - len(arrays))],
         "accessors": accessors,
@@ -223,7 +223,7 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
     }
     data = b"".join(chunk + bytes(-len(chunk) % 4) for chunk in chunks)
     text = json.dumps(content, separators=(",", ":")).encode("ascii")
-    # chunks are multiples of 4 bytes: JSON is filled up with spaces, binary data with zeros
+    # chunks are multiples of 4 bytes: JSON is padded with spaces, binary data with zeros
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(data)
     head = struct.pack("<4sII", b"glTF", 2, total)
@@ -231,7 +231,7 @@ def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png
 
 
 def _sheet(tape: Tape, form: SolidForm | None) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-    """Points (m), normals, texture coordinates and triangles of the board's top, flat or round a cylinder."""
+    """Points (m), normals, texture coordinates and triangles of the board's top, flat or on a cylinder."""
     wrap = None if form is None or form.cylinder is None else wrap_of(tape, form, form.cylinder)
     across = np.linspace(0.0, 1.0, 2 if wrap is None else _SHEET_COLUMNS + 1)
     a, b = (axis.ravel() for axis in np.meshgrid(across, (0.0, 1.0), indexing="ij"))
@@ -244,7 +244,7 @@ def _sheet(tape: Tape, form: SolidForm | None) -> tuple[FloatArray, FloatArray, 
         angle = wrap.angle_rad(a * wrap.length_mm)
         points, normals = wrap.point(angle, along, wrap.radius_mm), wrap.frames(angle)[:, 2]
         uv = np.column_stack([a * wrap.length_mm, along]) @ wrap.from_board / tape.board.size_mm
-    # points alternate between the two ends along b: two triangles for each step across
+    # points alternate between the two ends along b, with two triangles per step along a
     k = 2 * np.arange(len(across) - 1)
     faces = np.concatenate([np.stack([k, k + 2, k + 3], axis=1), np.stack([k, k + 3, k + 1], axis=1)])
     return _M * points, normals, uv, faces

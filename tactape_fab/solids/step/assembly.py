@@ -1,4 +1,4 @@
-"""The assembled tape as STEP AP214 text: a board and one part, the part used once per designator."""
+"""The assembled tape as STEP AP214 text: a board, and one part with an occurrence per designator."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def assembly_step(tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part
 def assembly_step_chunks(
     tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb, tool: str = "tactape-fab"
 ) -> Iterator[bytes]:
-    """The file of a tape's board with its parts, piece by piece.
+    """STEP file of a tape's board with its parts, in pieces.
 
-    One product for the board (outline and holes, ``thickness_mm`` below z = 0), one for the part (unturned, its foot's
-    middle at the origin), and an occurrence of it per designator (ISO 10303-44 NEXT_ASSEMBLY_USAGE_OCCURRENCE) named as
-    in the CPL. Board frame, mm.
+    One product for the board (outline and holes, ``thickness_mm`` below z = 0), one for the part (unrotated, the middle of
+    its foot at the origin), and an occurrence of it (ISO 10303-44 NEXT_ASSEMBLY_USAGE_OCCURRENCE) named by each designator.
+    Board frame, mm.
 
     board_rgb, part_rgb: Colours of the two products, each from 0 to 1.
     """
@@ -55,7 +55,7 @@ def assembly_step_chunks(
     shared = context(w)
     definition, definition_shape = product(w, shared, name)
     origin = w.placement((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-    # without elements on it the face has few loops, and tiles would gain nothing
+    # without elements the top face has few loops, so tiles would not help
     film = SolidForm(base_mm=tape.board.thickness_mm, top="single")
     base = FlatBase(w, tape, film)
     board = _product(w, shared, f"{name}-board", origin, base.faces([]), board_rgb)
@@ -64,7 +64,7 @@ def assembly_step_chunks(
     turned, up = w.direction((np.cos(angle), np.sin(angle), 0.0)), w.direction((0.0, 0.0, 1.0))
 
     first = first_name(w.next + MOST_OF_FRAME, tape.part_count, _OF_OCCURRENCE)
-    # the second entity of each copy is its AXIS2_PLACEMENT_3D: an assembly's representation lists where its components stand
+    # the second entity of each copy is its AXIS2_PLACEMENT_3D, which the assembly's representation lists
     placements = names(0, first + np.arange(tape.part_count) * _OF_OCCURRENCE + 1)
     shape = w.add(f"SHAPE_REPRESENTATION('',({wrapped_names([origin, placements])}),{shared.geometry})")
     w.add(f"SHAPE_DEFINITION_REPRESENTATION({definition_shape},{shape})")
@@ -102,7 +102,7 @@ def _box_faces(w: Writer, size_mm: tuple[float, float, float]) -> list[str]:
     rise = [edge(k, k + 4) for k in range(4)]
     loops = [[(low[k], True), (rise[(k + 1) % 4], True), (high[k], False), (rise[k], False)] for k in range(4)]
     loops += [[(e, True) for e in high], [(e, False) for e in reversed(low)]]
-    # the outward normal of a side of a counter-clockwise rectangle is the direction of the side before it
+    # the outward normal of a side of a counter-clockwise rectangle is the direction of the previous side
     planes = [(points[k], points[k] - points[(k + 3) % 4], (0.0, 0.0, 1.0)) for k in range(4)]
     planes += [(points[4], (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)), (points[0], (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))]
     faces = []
@@ -115,12 +115,12 @@ def _box_faces(w: Writer, size_mm: tuple[float, float, float]) -> list[str]:
 def _relation(
     t: Template | Writer, designator: str, of: tuple[str, str], used: tuple[str, str], origin: str, placement: str
 ) -> None:
-    """Entities that use a product once in an assembly (ISO 10303-44, and 10303-43 for its place).
+    """Add the entities of an occurrence of a product in an assembly (ISO 10303-44, and 10303-43 for its place).
 
     of, used: Names of definition and shape representation of the assembly and of the product.
     """
-    # from the component's own origin to its place in the assembly; a MAPPED_ITEM takes a third of the bytes, but of 200 parts on
-    # a board OCCT 8 read 203 solids then, and a wrong volume
+    # from the component's origin to its place in the assembly; a MAPPED_ITEM takes a third of the bytes, but with 200 parts on a
+    # board OCCT 8 read 203 solids and a wrong volume from it
     moved = t.add(f"ITEM_DEFINED_TRANSFORMATION('',$,{origin},{placement})")
     relation = t.add(
         f"(REPRESENTATION_RELATIONSHIP('',$,{used[1]},{of[1]})REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION({moved})"
@@ -132,9 +132,9 @@ def _relation(
 
 
 def _exact_decimals(xy_mm: FloatArray) -> int:
-    """The fewest decimals, three at least, that write coordinates of whole nanometres without rounding."""
+    """The fewest decimals, but at least three, that represent coordinates in whole nanometres exactly."""
     for decimals in range(3, _MOST_DECIMALS):
-        # 1e-9 mm is rounding alone: places are whole nanometres, 1e-6 mm
+        # places are whole nanometres, 1e-6 mm, so differences below 1e-9 mm are rounding errors
         if (np.abs(xy_mm - np.round(xy_mm, decimals)) < 1e-9).all():
             return decimals
     return _MOST_DECIMALS
@@ -143,13 +143,13 @@ def _exact_decimals(xy_mm: FloatArray) -> int:
 def _occurrences(
     tape: Tape, first: int, of: tuple[str, str], used: tuple[str, str], origin: str, directions: str
 ) -> Iterator[tuple[Template, int, dict[str, TextArray]]]:
-    """A template for the designators of each length, with the number of its first entity and its columns."""
+    """A template for the designators of each length, with the number of its first entity, and its columns."""
     xy_mm = tape.part_xy_mm()
     decimals = _exact_decimals(xy_mm)
     x, y = reals(xy_mm[:, 0], decimals), reals(xy_mm[:, 1], decimals)
     texts = np.array(tape.designators(), dtype=np.bytes_)
     length = np.char.str_len(texts)
-    # columns of a template have one width: R1 to R9, R10 to R99 and so on are filled one after the other
+    # columns of a template have fixed widths, so R1 to R9, R10 to R99 and so on have templates of their own
     ends = [*(np.flatnonzero(np.diff(length)) + 1).tolist(), len(texts)]
     for begin, end in pairwise([0, *ends]):
         t = Template()

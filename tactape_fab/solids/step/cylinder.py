@@ -1,4 +1,4 @@
-"""The base of a solid round a cylinder, as exact STEP surfaces: tiles of the outer cylinder, the inner one, the ends."""
+"""The base of a solid on a cylinder, as exact STEP faces: tiles of the outer cylinder, inner cylinder, and walls."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LEAST_CUT_RAD = 0.02
 
 
 def _lines_mm(tape: Tape, wrap: Wrap, axis: int, step: int) -> list[float]:
-    """Places half way between elements along a (axis 0) or b (axis 1), every `step` of them, ascending."""
+    """Coordinates half way between elements along a (axis 0) or b (axis 1), every `step`-th one, ascending."""
     x0, y0 = tape.board.texture_origin_mm
     corners = np.array([(x0, y0), (x0 + (tape.columns - 1) * tape.pitch_mm, y0 - (tape.rows - 1) * tape.pitch_mm)])
     low, high = np.sort((corners @ wrap.from_board.T)[:, axis])
@@ -31,18 +31,18 @@ def _lines_mm(tape: Tape, wrap: Wrap, axis: int, step: int) -> list[float]:
 
 
 def strip_angles(tape: Tape, form: SolidForm, wrap: Wrap) -> list[float]:
-    """Angles between which the outer cylinder is one strip each; of a whole shell the last is the first plus a turn."""
+    """Angles of the borders of the outer cylinder's strips; for a whole shell the last is the first plus a turn."""
     start, end = wrap.ends_rad
     cells = max(1, min(CELLS_PER_TILE, floor(MOST_STRIP_RAD * wrap.radius_mm / tape.pitch_mm)))
     lines = [float(wrap.angle_rad(a)) for a in _lines_mm(tape, wrap, 0, cells)]
     if wrap.cylinder.shell == "segment":
         return [start, *(lines if form.top == "tiles" else []), end]
     gap = 2 * pi - (end - start)
-    # the tape closes on itself, and a strip as narrow as the gap would be a sliver: the first cut is a line between elements,
-    # the last strip goes over the joint
+    # the tape closes on itself, and a strip in the gap would be a sliver: the first cut is between elements, and the last
+    # strip extends across the joint
     if gap * wrap.radius_mm < _LEAST_GAP_MM:
         return [*lines, lines[0] + 2 * pi]
-    # what the tape leaves bare of a whole shell, in strips of at most a third of a turn
+    # the part of a whole shell without the tape, in strips of at most a third of a turn
     pieces = ceil(gap / MOST_STRIP_RAD)
     bare = [end + gap * k / pieces for k in range(pieces + 1)]
     inside = lines if form.top == "tiles" else []
@@ -50,7 +50,7 @@ def strip_angles(tape: Tape, form: SolidForm, wrap: Wrap) -> list[float]:
 
 
 class CylinderBase(MarkedBase):
-    """The base of a solid round a cylinder: edges are written at once, faces when the elements have their names."""
+    """The base of a solid on a cylinder: edges are written by the constructor, faces once the elements have their names."""
 
     def __init__(self, w: Writer, tape: Tape, form: SolidForm, wrap: Wrap) -> None:
         super().__init__(w, tape, form, wrap.radius_mm)
@@ -66,30 +66,30 @@ class CylinderBase(MarkedBase):
         self._back = self._grid(self._back_mm, [self._b[0], self._b[-1]], self._back_angles)
         ab = tape.part_xy_mm() @ wrap.from_board.T
         angle = wrap.angle_rad(ab[:, 0])
-        # where the tape closes on itself its first elements lie in the strip over the joint
+        # if the tape closes on itself its first elements are in the strip across the joint
         angle = np.where(angle < self._angles[0], angle + 2 * pi, angle)
         strip = np.searchsorted(self._angles, angle) - 1
         self.tile_of_part = (strip * self._tiles_along + np.searchsorted(self._b, ab[:, 1]) - 1).astype(np.int64)
         self.entities_to_come = 12 * self._strips * (self._tiles_along + 6) + 300 + entities_of_mark(self._mark)
 
     def _round_mark(self, mark: Mark) -> tuple[list[float], int]:
-        """Angles between which the inner cylinder is one strip each, and the strip that holds the whole mark."""
+        """Angles of the borders of the inner cylinder's strips, and the index of the strip with the whole mark."""
         start, end = self._angles[0], self._angles[-1]
-        # a third of a turn about the mark's middle; the mark takes a quarter at most
+        # a third of a turn about the mark's middle; the mark takes at most a quarter
         first = float(self._wrap.angle_rad((np.array(mark.middle_mm) @ self._wrap.from_board.T)[0])) - MOST_STRIP_RAD / 2
         if self._closed:
             return [first + k * MOST_STRIP_RAD for k in range(4)], 0
-        # a cut next to an end would leave a sliver of a strip; without it the mark's strip goes on to the end
+        # a cut next to an end would leave a sliver, so the mark's strip extends to the end
         cuts = [angle for angle in (first, first + MOST_STRIP_RAD) if start + _LEAST_CUT_RAD < angle < end - _LEAST_CUT_RAD]
         return [start, *cuts, end], int(first in cuts)
 
     def _grid(
         self, radius_mm: float, b_mm: Sequence[float], angles: Sequence[float]
     ) -> tuple[list[list[str]], list[list[str]], list[list[str]]]:
-        """Vertices [strip][along], arcs [strip][along] and lines [strip][along] of a cylinder cut along angles and b."""
+        """Vertices [strip][along], arcs [strip][along] and lines [strip][along] of a cylinder cut at angles and b."""
         w, wrap = self._w, self._wrap
         own = angles[:-1] if self._closed else angles
-        # of a closed shell the last cut is the first one: no vertices and lines of its own
+        # on a closed shell the last cut is the first one, and shares its vertices and lines
         points = wrap.point(np.array(own)[:, None], np.array(b_mm), radius_mm)
         vertices = [[w.vertex(p) for p in row] for row in points]
         lines = [
@@ -99,7 +99,7 @@ class CylinderBase(MarkedBase):
         centres = [w.point(p) for p in wrap.point(0.0, np.array(b_mm), 0.0)]
         arcs = []
         for i in range(len(angles) - 1):
-            # angle 0 of the circle is at the strip's begin, and it runs counter-clockwise about the axis: as angles grow
+            # the circle's angle 0 is at the strip's start, and it runs counter-clockwise about the axis, as angles increase
             ref = w.direction(wrap.frames(angles[i])[2])
             ends = vertices[i], vertices[(i + 1) % len(own)]
             circles = [w.add(f"CIRCLE('',{w.axes(centre, self._up, ref)},{real(radius_mm)})") for centre in centres]
@@ -109,14 +109,14 @@ class CylinderBase(MarkedBase):
         return vertices, arcs, lines
 
     def _surface(self, ends_rad: Sequence[float], radius_mm: float) -> str:
-        """The cylinder, its seam opposite to a strip."""
-        # u = 0, where the surface joins itself, is on the far side: no face goes over its surface's seam
+        """The cylindrical surface, with its seam opposite to a strip."""
+        # u = 0, the seam, is on the opposite side, so that no face crosses it
         ref = -self._wrap.frames((ends_rad[0] + ends_rad[1]) / 2)[2]
         axes = self._w.placement(self._wrap.point(0.0, 0.0, 0.0), self._wrap.turn[:, 1], ref)
         return self._w.add(f"CYLINDRICAL_SURFACE('',{axes},{real(radius_mm)})")
 
     def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
-        """All faces of the base, each listed after a neighbour: inner cylinder, walls, tiles strip by strip."""
+        """All faces of the base, each after an adjacent one: inner cylinder, walls, tiles strip by strip."""
         bounds, sunk = self._mark_faces(self._wrap.from_board, same_sense=self._flip)
         back = [self._back_face(strip, bounds if strip == self._marked else []) for strip in range(len(self._back_angles) - 1)]
         walls = self._end_walls() if self._closed else [*self._end_walls(), *self._cut_walls()]
@@ -137,7 +137,7 @@ class CylinderBase(MarkedBase):
         _, arcs, lines = self._back
         loop = self._loop([(lines[i][0], True), (arcs[i][1], True), (lines[i + 1][0], False), (arcs[i][0], False)])
         surface = self._surface(self._back_angles[i : i + 2], self._back_mm)
-        # the surface's normal points away from the axis: from a texture's inside into its wall, at a mould's outside out of it
+        # the surface's normal points away from the axis: into the material on a texture's inside, out of it on a mould's outside
         return self._w.face([loop, *bounds], surface, same_sense=self._flip)
 
     def _point(self, ab: Sequence[float] | FloatArray, level: float) -> FloatArray:
@@ -147,14 +147,14 @@ class CylinderBase(MarkedBase):
         w, wrap = self._w, self._wrap
         if abs(q[0] - p[0]) < abs(q[1] - p[1]):
             return w.line_edge(start, end, self._point(p, level), self._point(q, level))
-        # an edge's circle is followed counter-clockwise about its axis: for the other way round the axis points the other way
+        # a circle runs counter-clockwise about its axis, which is reversed for the other direction
         axis = np.sign(q[0] - p[0]) * wrap.turn[:, 1]
         axes = w.placement(wrap.point(0.0, p[1], 0.0), axis, wrap.frames(wrap.angle_rad(p[0]))[2])
         return w.edge(start, end, w.add(f"CIRCLE('',{axes},{real(level)})"))
 
     def _mark_wall(self, p: FloatArray, q: FloatArray) -> str:
         frame, (da, db) = self._wrap.frames(self._wrap.angle_rad(p[0])), np.sign(np.round(q - p, 6))
-        # left of the way (da, db) in the plane of (tangent, axis): (-db, da)
+        # left of the direction (da, db) in the plane of (tangent, axis): (-db, da)
         return self._plane(self._point(p, self._back_mm), da * self._wrap.turn[:, 1] - db * frame[0], frame[2])
 
     def _level(self, level: float) -> str:
@@ -164,15 +164,15 @@ class CylinderBase(MarkedBase):
         return self._w.add(f"PLANE('',{self._w.placement(point, normal, ref)})")
 
     def _radial(self, i: int, end: int) -> str:
-        """Edge from the outer cylinder to the inner one at a cut's corner."""
+        """Edge from the outer to the inner cylinder at the end of a cut."""
         angle, b = self._angles[i], self._b[end]
         points = self._wrap.point(angle, b, np.array([self._wrap.radius_mm, self._back_mm]))
         return self._w.line_edge(self._top[0][i][end], self._back[0][0 if i == 0 else -1][end], points[0], points[1])
 
     def _end_walls(self) -> list[str]:
-        """The two walls square to the cylinder; of a whole shell they are rings."""
+        """The two walls perpendicular to the axis; for a whole shell they are rings."""
         top, back = self._top[1], self._back[1]
-        # the ring at the low end looks to -b: outer arcs against the angle, inner ones along it; the high end the other way
+        # the ring at the low end faces -b: outer arcs against the angle, inner ones along it; at the high end reversed
         first = [(arcs[0], False) for arcs in reversed(top)], [(arcs[0], True) for arcs in back]
         last = [(arcs[-1], True) for arcs in top], [(arcs[-1], False) for arcs in reversed(back)]
         walls = []
@@ -181,7 +181,7 @@ class CylinderBase(MarkedBase):
         for end, (outer, inner), sign in ((0, first, -1.0), (-1, last, 1.0)):
             if self._closed:
                 loops = [self._loop(outer), self._loop(inner)]
-                # the outer bound comes first: of a mould it is the back's, which is the larger circle
+                # the outer bound comes first; for a mould it is the back's, the larger circle
                 loops = loops[::-1] if self._flip else loops
             else:
                 at_start, at_end = self._corners[end]
@@ -192,7 +192,7 @@ class CylinderBase(MarkedBase):
         return walls
 
     def _cut_walls(self) -> list[str]:
-        """The two walls along the cylinder at the ends of a segment."""
+        """The two walls parallel to the axis at the ends of a segment."""
         lines, back = self._top[2], self._back[2]
         walls = []
         for i, sign in ((0, -1.0), (self._strips, 1.0)):

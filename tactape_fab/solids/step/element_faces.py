@@ -1,7 +1,7 @@
 """Entities of one element of a STEP solid, as templates: block, spherical cap, truncated cone, on a plane.
 
-Every element leaves one bound in the top face (its foot, clockwise there) and has faces of its own. `flip` turns all
-loops and normals over: the same faces seen from a mould.
+Every element has faces of its own, and one bound in the top face (its foot, clockwise there). `flip` reverses all loops
+and normals, for a mould.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from tactape_fab.texture.shapes import outlines_at
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElementText:
-    """A template with what the base needs of it.
+    """A template, with the indices that the base refers to.
 
-    ``bound`` is the index of the FACE_BOUND that its foot leaves in the top face, ``faces`` those of its own faces;
-    ``columns`` the texts of every copy.
+    ``bound`` is the index of the FACE_BOUND of its foot in the top face, ``faces`` are those of its own faces;
+    ``columns`` has the texts of every copy.
     """
 
     template: Template
@@ -34,7 +34,7 @@ class ElementText:
 
 
 class ElementTemplate(Template):
-    """A template that knows vertices, edges, loops and faces, and turns the latter over for a mould."""
+    """A template with vertices, edges, loops and faces, which are reversed for a mould."""
 
     def __init__(self, *, flip: bool) -> None:
         super().__init__()
@@ -50,23 +50,23 @@ class ElementTemplate(Template):
         return self.edge(start, end, self.add(f"LINE('',{point},{vector})"))
 
     def bound(self, steps: Sequence[Step]) -> str:
-        """A bound of steps that go counter-clockwise seen from outside the element."""
-        # a plain FACE_BOUND serves as a hole of a tile and as the only loop of a face: no face needs a FACE_OUTER_BOUND
+        """A bound of steps that are counter-clockwise seen from outside the element."""
+        # a FACE_BOUND is valid as a hole of a tile and as the only loop of a face, so no FACE_OUTER_BOUND is needed
         return self.add(f"FACE_BOUND('',{self.loop(reversed_steps(steps) if self.flip else steps)},.T.)")
 
     def face(self, steps: Sequence[Step], surface: str, *, same_sense: bool = True) -> int:
-        """A face of one loop on a surface whose normal looks out of the element, or into it without `same_sense`."""
+        """A face of one loop on a surface whose normal points out of the element, or into it without `same_sense`."""
         bound = self.bound(steps)
-        # a mould turns over twice: `turn` carries the surfaces along, `flip` puts the material on their other side
+        # for a mould `turn` rotates the surfaces, and `flip` puts the material on their other side
         return index_of(self.add(f"ADVANCED_FACE('',({bound}),{surface},.{'T' if same_sense != self.flip else 'F'}.)"))
 
 
 def prism_faces(
     t: ElementTemplate, foot: Sequence[str], top: Sequence[str], rise: Sequence[str], sides: Sequence[str], top_surface: str
 ) -> tuple[int, tuple[int, ...]]:
-    """Bound and faces of a block from its edges (foot and top counter-clockwise from above, rise upward) and surfaces."""
+    """Bound and faces of a block, from its edges (foot and top counter-clockwise from above, rise upward) and surfaces."""
     count = len(foot)
-    # seen as a hole of the top face the foot runs clockwise, the material of the base on its left
+    # as a hole of the top face the foot is clockwise, with the base's material on the left
     bound = t.bound([(edge, False) for edge in reversed(foot)])
     faces = [
         t.face([(foot[i], True), (rise[(i + 1) % count], True), (top[i], False), (rise[i], False)], sides[i])
@@ -76,10 +76,10 @@ def prism_faces(
 
 
 def flat_element(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArray, *, flip: bool) -> ElementText:
-    """The element of a flat solid; what all copies share is written to `w`.
+    """The element of a flat solid; entities that all copies share are written to `w`.
 
     centres_mm (n, 2): In the board frame.
-    turn (3, 3): From the board frame to the file's: the identity, or the half turn of a mould about board y.
+    turn (3, 3): From the board frame to the file's: the identity, or for a mould the half turn about board y.
     """
     if part.shape == "block":
         return _flat_block(w, part, centres_mm, turn, flip=flip)
@@ -94,7 +94,7 @@ def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatAr
     up_name, along_names = w.direction(up), [w.direction(d) for d in along]
     vectors = [w.add(f"VECTOR('',{d},1.)") for d in along_names]
     up_vector = w.add(f"VECTOR('',{up_name},1.)")
-    # any point of the plane will do; that above the origin belongs to no element
+    # any point of the plane suffices; this one is above the origin
     top_mm = turn @ (0.0, 0.0, part.body_mm[2])
     top_plane = w.add(f"PLANE('',{w.axes(w.point(top_mm), up_name, along_names[0])})")
 
@@ -106,7 +106,7 @@ def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatAr
         for i, level in enumerate((foot, top))
     ]
     rise = [t.line_edge(foot[k], top[k], points[0][k], up_vector) for k in range(4)]
-    # the outward normal of a side is the direction of the side before it
+    # the outward normal of a side is the direction of the previous side
     sides = [t.add(f"PLANE('',{t.axes(points[0][k], along_names[k - 1], up_name)})") for k in range(4)]
     bound, faces = prism_faces(t, foot_edges, top_edges, rise, sides, top_plane)
     xy = outlines_at(centres_mm, corners)
@@ -117,7 +117,7 @@ def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatAr
 
 
 def _flat_dome(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArray, *, flip: bool) -> ElementText:
-    """A spherical cap or a truncated cone, each cut open along a seam that ends in the cap's pole or on the cone's top."""
+    """A spherical cap or a truncated cone, with a seam up to the cap's pole or the cone's top."""
     foot_mm, height_mm = part.body_mm[0] / 2, part.body_mm[2]
     up, east = w.direction(turn[:, 2]), w.direction(turn[:, 0])
     down, south = w.direction(-turn[:, 2]), w.direction(-turn[:, 1])
@@ -134,11 +134,11 @@ def _flat_dome(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArr
     if part.top_mm is None:
         sphere_mm = sphere_radius_mm(part)
         centre = t.point("<x>", "<y>", z(height_mm - sphere_mm))
-        # y of the circle is axis x ref = south x east = up: its angle grows from the foot's east point to the pole
+        # the circle's y is axis x ref = south x east = up, so its angle increases from the foot's east point to the pole
         meridian = t.add(f"CIRCLE('',{t.axes(centre, south, east)},{real(sphere_mm)})")
         seam = t.edge(start, t.vertex(t.point("<x>", "<y>", z(height_mm))), meridian)
         sphere = t.add(f"SPHERICAL_SURFACE('',{t.axes(centre, up, east)},{real(sphere_mm)})")
-        # up the seam and down again: kernels want a closed surface cut open, and the pole a vertex
+        # up the seam and down again, as kernels require a seam on a closed surface, and a vertex at the pole
         faces: tuple[int, ...] = (t.face([(foot, True), (seam, True), (seam, False)], sphere),)
     else:
         top_mm = part.top_mm / 2
@@ -150,7 +150,7 @@ def _flat_dome(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArr
         top = t.edge(top_vertex, top_vertex, t.add(f"CIRCLE('',{rim_axes},{real(top_mm)})"))
         seam = t.line_edge(start, top_vertex, rim, vector)
         angle = real(atan((foot_mm - top_mm) / height_mm))
-        # the axis points down: from the top's radius at its origin the cone widens along it by the tangent of the half angle
+        # the axis points down, in which direction the cone widens from the top's radius at its origin
         cone = t.add(f"CONICAL_SURFACE('',{t.axes(middle, down, east)},{real(top_mm)},{angle})")
         side = t.face([(foot, True), (seam, True), (top, False), (seam, False)], cone)
         faces = (side, t.face([(top, True)], t.add(f"PLANE('',{rim_axes})")))

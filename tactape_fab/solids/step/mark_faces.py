@@ -1,4 +1,4 @@
-"""The mark sunk into the back, as exact STEP faces: walls, floors and islands, and the loops that they leave in the back."""
+"""The mark engraved in the back, as exact STEP faces: walls, floors and islands, and their loops in the back."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 
 _ENTITIES_A_CORNER = 60
-"""More than are written for a corner of a loop."""
+"""Upper bound of the entities per corner of a loop."""
 Steps = Sequence[Step]
 
 
 def entities_of_mark(mark: Mark | None) -> int:
-    """Entities that a mark takes, or a few more."""
+    """Upper bound of the number of entities of a mark."""
     loops = [] if mark is None else [loop for outer, islands in mark.polygons() for loop in (outer, *islands)]
     return _ENTITIES_A_CORNER * sum(map(len, loops)) + 100 * bool(loops)
 
 
 class MarkedBase(ABC):
-    """The common parts of flat and wrapped bases: the sense of their loops, and the mark in their back.
+    """Common part of flat and wrapped bases: the sense of loops, and the mark in the back.
 
-    (a, b) are coordinates of the back, a level is a height or a radius; `above_mm` is that of the surface with the elements.
+    (a, b) are coordinates on the back; a level is a height or a radius; `above_mm` is the level of the surface with the elements.
     """
 
     def __init__(self, w: Writer, tape: Tape, form: SolidForm, above_mm: float) -> None:
@@ -40,18 +40,18 @@ class MarkedBase(ABC):
 
     @abstractmethod
     def _mark_edge(self, start: str, end: str, p: FloatArray, q: FloatArray, level: float) -> str:
-        """An edge between two vertices at p and q, straight or round the cylinder."""
+        """An edge between two vertices at p and q: a line, or an arc around the cylinder."""
 
     @abstractmethod
     def _mark_wall(self, p: FloatArray, q: FloatArray) -> str:
-        """The surface between back and floor, its normal to the left of the way from p to q."""
+        """The surface between back and floor, with its normal to the left of the direction from p to q."""
 
     @abstractmethod
     def _level(self, level: float) -> str:
         """The surface of back or floor."""
 
     def _loop(self, steps: Steps) -> str:
-        """A loop given with the material on the left seen from outside a texture, turned over for a mould."""
+        """A loop, given with the material on the left as seen from outside a texture; reversed for a mould."""
         return self._w.loop(reversed_steps(steps) if self._flip else steps)
 
     def _mark_faces(self, from_board: FloatArray, *, same_sense: bool) -> tuple[list[str], list[str]]:
@@ -66,18 +66,18 @@ class MarkedBase(ABC):
         bounds, faces = [], []
         for outer, islands in self._mark.polygons():
             rims = [self._mark_walls(loop @ from_board.T) for loop in (outer, *islands)]
-            # islands lie inside the pocket: only the outer loop of a figure is a hole of the back
+            # islands are inside the pocket, so only the outer loop of a figure is a hole of the back
             bounds.append(self._loop(rims[0][0]))
             faces += [wall for _, _, walls in rims for wall in walls]
-            # the floor lies on the pocket's side of the loop, the back on the other: the loop backwards
+            # the floor is on the pocket's side of the loop, the back on the other, so the loop is reversed
             bottom = [self._loop([(edge, False) for edge, _ in reversed(low)]) for _, low, _ in rims]
             faces.append(self._w.face(bottom, floor, same_sense=same_sense))
-            # an island's top is a piece of the back: the same surface and sense
+            # an island's top is part of the back, with the same surface and sense
             faces += [self._w.face([self._loop(top)], level, same_sense=same_sense) for top, _, _ in rims[1:]]
         return bounds, faces
 
     def _mark_walls(self, corners: FloatArray) -> tuple[Steps, Steps, list[str]]:
-        """Edges of a loop in the back and in the floor, and the walls between them; the pocket is on the loop's left."""
+        """Edges of a loop in the back and in the floor, and the walls between; the pocket is on the loop's left."""
         after, levels = np.roll(corners, -1, axis=0), (self._back_mm, self._floor_mm)
         ends = [[self._w.vertex(self._point(corner, level)) for corner in corners] for level in levels]
         edges = [
@@ -90,7 +90,7 @@ class MarkedBase(ABC):
         ]
         walls = []
         for k, (p, q) in enumerate(zip(corners, after, strict=True)):
-            # along the floor as the loop goes, along the back against it; rises run from back to floor
+            # along the loop on the floor, against it on the back; rises run from back to floor
             steps = [(edges[0][k], False), (rises[k], True), (edges[1][k], True), (rises[(k + 1) % len(rises)], False)]
             walls.append(self._w.face([self._loop(steps)], self._mark_wall(p, q)))
         return [(edge, True) for edge in edges[0]], [(edge, True) for edge in edges[1]], walls

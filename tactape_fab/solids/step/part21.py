@@ -1,7 +1,7 @@
-"""STEP files as text (ISO 10303-21): single entities, and templates of entities repeated by the thousand in numpy.
+"""STEP files as text (ISO 10303-21): single entities, and templates of entities that numpy repeats by the thousand.
 
-Rows of a template have a fixed width, so that a whole block of them is filled column by column without a Python loop:
-instance names all have as many digits, and coordinates are padded with spaces (which ISO 10303-21 allows between tokens).
+Rows of a template have a fixed width, so that whole blocks are filled column by column without a Python loop: all instance
+names have the same number of digits, and coordinates are padded with spaces (which ISO 10303-21 allows between tokens).
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ Rgb = tuple[float, float, float]
 TextArray = npt.NDArray[np.bytes_]
 
 DECIMALS = 9
-"""Decimals of coordinates: a tape's volume is then exact to 1e-9 (six decimals: 3e-8)."""
+"""Decimals of coordinates, with which a tape's volume has a relative error of 1e-9 (with six decimals 3e-8)."""
 SCHEMA = "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"
 _ROWS_AT_ONCE = 512
 MOST_OF_FRAME = 100
-"""Entities of a product besides its faces and copies."""
+"""Upper bound of the entities of a product other than its faces and copies."""
 _LINE_OF_NAMES = re.compile(r"(?:#\d+,?){1,12}")
 _PLACE = re.compile(r"#\[(\d+)\]|<(\w+)>")
 
 
 @lru_cache(maxsize=1 << 12)
 def real(value: float) -> str:
-    """A number as ISO 10303-21 wants it: with a point, without an exponent."""
-    # three decimals more than `reals`: single entities hold directions and radii that thousands of copies refer to
+    """A REAL of ISO 10303-21, with a point and without an exponent."""
+    # three decimals more than `reals`, as thousands of copies refer to directions and radii of single entities
     text = f"{value:.12f}".rstrip("0")
     return "0." if text in ("-0.", "0.") else text
 
@@ -46,7 +46,7 @@ def triple(values: Sequence[float] | FloatArray) -> str:
 
 
 def string(text: str) -> str:
-    """A string literal: apostrophes and backslashes doubled (ISO 10303-21, 6.4.3), what is not ASCII replaced."""
+    """A string literal: apostrophes and backslashes doubled (ISO 10303-21, 6.4.3), non-ASCII characters replaced."""
     plain = text.encode("ascii", "replace").decode("ascii")
     return "'" + plain.replace("\\", "\\\\").replace("'", "''") + "'"
 
@@ -56,16 +56,16 @@ Step = tuple[str, bool]
 
 
 def reversed_steps(steps: Sequence[Step]) -> list[Step]:
-    """The same loop the other way round, as a mould has it."""
+    """The reversed loop, for a mould."""
     return [(edge, not forward) for edge, forward in reversed(steps)]
 
 
 class Entities(ABC):
-    """Entities that are written alike one by one and in a template."""
+    """Entities that are composed in the same way singly and in a template."""
 
     @abstractmethod
     def add(self, entity: str) -> str:
-        """Append an entity; its name."""
+        """Append an entity, and return its name."""
 
     def axes(self, origin: str, axis: str, ref: str) -> str:
         """An AXIS2_PLACEMENT_3D of a point and two directions."""
@@ -81,14 +81,14 @@ class Entities(ABC):
 
 
 class Writer(Entities):
-    """Single entities in a row, each named by the next number."""
+    """Single entities with consecutive numbers."""
 
     def __init__(self, first: int = 1) -> None:
         self.next = first
         self._lines: list[str] = []
 
     def add(self, entity: str) -> str:
-        """Append an entity; its name, such as ``#12``."""
+        """Append an entity, and return its name, such as ``#12``."""
         name = f"#{self.next}"
         self._lines.append(f"{name}={entity};\n")
         self.next += 1
@@ -115,7 +115,7 @@ class Writer(Entities):
         return self.edge(start, end, self.add(f"LINE('',{self.point(a)},{vector})"))
 
     def face(self, loops: Sequence[str], surface: str, *, bounds: Sequence[str] = (), same_sense: bool = True) -> str:
-        """A face of its outer loop, further loops, and bounds that exist already."""
+        """A face with an outer loop, further loops, and already written bounds."""
         outer = self.add(f"FACE_OUTER_BOUND('',{loops[0]},.T.)")
         inner = [self.add(f"FACE_BOUND('',{loop},.T.)") for loop in loops[1:]]
         return self.add(f"ADVANCED_FACE('',({','.join([outer, *inner, *bounds])}),{surface},.{'T' if same_sense else 'F'}.)")
@@ -126,10 +126,10 @@ class Writer(Entities):
 
 @dataclass
 class Template(Entities):
-    """Entities of one thing that is repeated.
+    """Entities that are repeated in copies.
 
-    Inside an entity's text, ``#[k]`` is what `add` returned: an entity of the same copy; ``<name>`` is a column of
-    texts that are all as wide.
+    In an entity's text, ``#[k]``, as returned by `add`, refers to an entity of the same copy; ``<name>`` is a column of
+    texts of equal width.
     """
 
     entities: list[str] = field(default_factory=list)
@@ -143,14 +143,14 @@ class Template(Entities):
 
 
 def index_of(reference: str) -> int:
-    """Which entity of its template a reference names."""
+    """Index in its template of the entity that a reference names."""
     return int(reference[2:-1])
 
 
 def first_name(single: int, copies: int, size: int) -> int:
-    """A first number for `copies` of a template of `size` entities, beyond `single` ones, so that all have as many digits."""
+    """First number for `copies` of a template of `size` entities, above `single`, such that all numbers have equal length."""
     first = 10
-    # a power of ten above all single names; the last name must stay below the next one, or it has a digit more
+    # a power of ten above all single names, such that the last name is below the next power of ten
     while first <= single or first + copies * size > first * 10:
         first *= 10
     return first
@@ -163,10 +163,10 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
     columns (count,): Values of each ``<name>``, without trailing NUL bytes: see `reals`.
     """
     size, of_name = len(template), len(str(first))
-    # `row` is the text of one copy with gaps; a structured type over the same bytes has a field for each gap
+    # `row` is the text of one copy with gaps, for each of which a structured dtype has a field
     row, fields, formats, offsets = bytearray(), [], [], []
     for k, entity in enumerate(template.entities):
-        # line ends mean nothing between tokens: one for eight entities saves bytes and keeps lines readable
+        # line ends are optional between tokens; one per eight entities saves bytes and keeps lines readable
         line = f"#[{k}]={entity};" + ("\n" if k % 8 == 7 or k == size - 1 else "")
         end = 0
         for match in _PLACE.finditer(line):
@@ -184,11 +184,11 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
     row_type = np.dtype({"names": keys, "formats": formats, "offsets": offsets, "itemsize": len(row)})
     for start in range(0, count, _ROWS_AT_ONCE):
         stop = min(start + _ROWS_AT_ONCE, count)
-        # copied whole, then gap by gap; 512 rows of a block are some 2 MB, which stay in the cache meanwhile
+        # copied as a whole, then filled gap by gap; a block of 512 rows has some 2 MB, which fit in the cache
         rows = np.empty(stop - start, dtype=f"V{len(row)}")
         rows[:] = np.void(bytes(row))
         cells = rows.view(row_type)
-        # digits as (rows * size, of_name) bytes, seen as one opaque value for each name
+        # digits as (rows * size, of_name) bytes, viewed as one opaque value per name
         numbers = np.ascontiguousarray(digits(np.arange(first + start * size, first + stop * size), of_name))
         names = numbers.view(f"V{of_name}").reshape(-1, size)
         for key, (local, column), format_ in zip(keys, fields, formats, strict=True):
@@ -197,8 +197,8 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
 
 
 def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
-    """Numbers as texts of one width, padded with spaces on the left; same shape as `values`."""
-    # whole picometres: 64 bits hold 9,000 km of them
+    """Numbers as texts of equal width, padded with spaces on the left; same shape as `values`."""
+    # as integers in picometres, with a range of 9,000 km in 64 bits
     scaled = np.rint(np.asarray(values, dtype=np.float64) * 10.0**decimals).astype(np.int64)
     negative = scaled.ravel() < 0
     size = np.abs(scaled).ravel()
@@ -210,7 +210,7 @@ def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
     out[:, lead - whole : lead] = written[:, :whole]
     out[:, lead] = ord(".")
     out[:, lead + 1 :] = written[:, whole:]
-    # leading zeros become spaces, a minus is before the first digit
+    # leading zeros become spaces, and a minus is put before the first digit
     leading = np.cumprod(written[:, : whole - 1] == ord("0"), axis=1).sum(axis=1)
     column = np.arange(lead)
     first = lead - whole + leading
@@ -220,7 +220,7 @@ def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
     return out.view(f"S{width}").reshape(scaled.shape)
 
 
-# What every file has
+# Entities of every file
 
 
 def header(name: str, date: datetime, tool: str) -> bytes:
@@ -254,7 +254,7 @@ def context(w: Writer) -> Context:
     length = w.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
     angle = w.add("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))")
     solid = w.add("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())")
-    # readers may take points nearer than this for one: far above the last decimal, far below any edge of a texture
+    # readers may merge points nearer than this, which is far above the last decimal and far below any edge of a texture
     uncertainty = w.add(f"UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE(1.E-06),{length},'distance_accuracy_value','')")
     geometry = w.add(
         "(GEOMETRIC_REPRESENTATION_CONTEXT(3)"
@@ -266,7 +266,7 @@ def context(w: Writer) -> Context:
 
 
 def product(w: Writer, shared: Context, name: str) -> tuple[str, str]:
-    """A product; names of its PRODUCT_DEFINITION and PRODUCT_DEFINITION_SHAPE."""
+    """Add a product; returns the names of its PRODUCT_DEFINITION and PRODUCT_DEFINITION_SHAPE."""
     made = w.add(f"PRODUCT({string(name)},{string(name)},'',({shared.product}))")
     w.add(f"PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,({made}))")
     formation = w.add(f"PRODUCT_DEFINITION_FORMATION('','',{made})")
@@ -276,7 +276,7 @@ def product(w: Writer, shared: Context, name: str) -> tuple[str, str]:
 
 def coloured(w: Writer, shared: Context, solid: str, rgb: Rgb) -> None:
     """Give a solid a colour (ISO 10303-46)."""
-    # each entity only wraps the one before: colour, area, surface, side, usage, style, and the solid that has it
+    # each entity wraps the previous one: colour, area, surface, side, usage, style, and the styled solid
     colour = w.add(f"COLOUR_RGB('',{','.join(real(v) for v in rgb)})")
     area = w.add(f"FILL_AREA_STYLE_COLOUR('',{colour})")
     filled = w.add(f"FILL_AREA_STYLE('',({area}))")
@@ -294,5 +294,5 @@ def names(first: int, indices: npt.NDArray[np.int64]) -> str:
 
 
 def wrapped_names(parts: Sequence[str]) -> str:
-    """A long list of names in lines of bearable length."""
+    """A long list of names, broken into lines."""
     return "\n".join(_LINE_OF_NAMES.findall(",".join(part for part in parts if part)))

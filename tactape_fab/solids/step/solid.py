@@ -1,7 +1,7 @@
-"""One fused solid of base and elements as STEP AP214 text, without a CAD kernel and without booleans.
+"""One fused solid of base and elements as STEP AP214 text (B-rep), without a CAD kernel or boolean operations.
 
-Elements never cross the border of their grid cell, so that the topology of each is known beforehand: ISO 10303-42
-manifold solid, every edge between exactly two faces.
+Elements never cross the border of their grid cell, so the topology is known beforehand: a manifold solid (ISO 10303-42), in
+which every edge is shared by exactly two faces.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ def solid_step(tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: R
 def solid_step_chunks(
     tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb, tool: str = "tactape-fab"
 ) -> Iterator[bytes]:
-    """The file of a tape's solid, piece by piece.
+    """STEP file of a tape's solid, in pieces.
 
-    tape: Its board's outline and holes, and an element at every placed part.
+    tape: Gives outline, holes, and an element at every placed part.
     form: Base, mould, tiles, cylinder; `checks.form_problems` must have found nothing.
     name: Name of the product.
-    date: Stands in the file's header.
+    date: Date in the file's header.
     rgb: Colour of the solid, each from 0 to 1.
     Yields: Board frame, mm; z = 0 is the top of the base.
     """
@@ -67,12 +67,12 @@ def solid_step_chunks(
         element = cylinder_element(tape, wrap, flip=form.negative)
         base = CylinderBase(w, tape, form, wrap)
     size, count = len(element.template), tape.part_count
-    # the base's faces refer to the elements' bounds before these are written, so their numbers are fixed by an upper bound
+    # the base's faces refer to the elements' bounds before these are written, so their numbers start at an upper bound
     first = first_name(w.next + base.entities_to_come + MOST_OF_FRAME, count, size)
     faces = base.faces(element_bounds(first, element, base.tile_of_part))
     own = (first + np.arange(count)[:, None] * size + np.array(element.faces)).ravel()
-    # OCCT 7.6 gathers a shell by neighbours, and is quick if each face follows one: with the base before the elements
-    # FreeCAD 0.20 takes 4.9 s for 2,178 blocks, in another order 23.8 s
+    # OCCT 7.6 assembles a shell by adjacency, and is fast if each face follows an adjacent one: with the base before the
+    # elements FreeCAD 0.20 takes 4.9 s for 2,178 blocks, in another order 23.8 s
     shell = w.add(f"CLOSED_SHELL('',({wrapped_names([*faces, names(0, own)])}))")
     solid = w.add(f"MANIFOLD_SOLID_BREP('',{shell})")
     axes = w.placement((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
@@ -88,8 +88,8 @@ def solid_step_chunks(
 
 
 def element_bounds(first: int, element: ElementText, tile_of_part: IntArray) -> list[str]:
-    """For each tile, the names of the bounds that its elements leave in it."""
-    # grouped by tile, in the parts' order within: slices of one long text, as each name is as wide
+    """For each tile, the names of the bounds of its elements."""
+    # grouped by tile, then in the order of parts; slices of one long text, as all names have equal width
     order = np.argsort(tile_of_part, kind="stable")
     bounds = first + order * len(element.template) + element.bound
     width = len(f"#{first},")  # all names have as many digits
@@ -99,7 +99,7 @@ def element_bounds(first: int, element: ElementText, tile_of_part: IntArray) -> 
 
 
 class FlatBase(MarkedBase):
-    """The base of a flat solid: its edges are written at once, its faces when the elements have their names."""
+    """The base of a flat solid: edges are written by the constructor, faces once the elements have their names."""
 
     def __init__(self, w: Writer, tape: Tape, form: SolidForm) -> None:
         super().__init__(w, tape, form, 0.0)
@@ -107,7 +107,7 @@ class FlatBase(MarkedBase):
         self._vertices = {i: w.vertex(self._point(xy, 0.0)) for i, xy in enumerate(self._map.vertices_mm)}
         self._edges = [self._edge(edge, self._vertices, 0.0) for edge in self._map.edges]
         self.tile_of_part = self._map.tile_of_part
-        # an ORIENTED_EDGE for each step of a tile's loops; what stands below a step of a rim takes 28 entities or fewer
+        # an ORIENTED_EDGE for each step of a tile's loops; a wall below a step of a rim takes at most 28 entities
         steps = sum(len(loop) for tile in self._map.tiles for loop in tile) + 8 * sum(map(len, self._map.rims))
         self.entities_to_come = steps + 4 * len(self._map.tiles) + 20 * sum(map(len, self._map.rims)) + 50
         self.entities_to_come += entities_of_mark(self._mark)
@@ -116,7 +116,7 @@ class FlatBase(MarkedBase):
         return self._turn @ (*ab, level)
 
     def _axes(self, xy: tuple[float, float], z: float, angle_rad: float) -> str:
-        """A placement about the upward axis that counts angles from `angle_rad`."""
+        """A placement about the upward axis, with its angle 0 at `angle_rad`."""
         ref = self._turn @ (cos(angle_rad), sin(angle_rad), 0.0)
         return self._w.placement(self._point(xy, z), self._turn[:, 2], ref)
 
@@ -129,10 +129,10 @@ class FlatBase(MarkedBase):
         return self._w.edge(start, end, circle)
 
     def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
-        """All faces of the base, each listed after a neighbour: back, walls, tiles."""
+        """All faces of the base, each after an adjacent one: back, walls, tiles."""
         walls, back_loops = self._walls()
         sunk_loops, sunk = self._mark_faces(np.eye(2), same_sense=not self._flip)
-        # the plane's normal is -z of the texture's own frame: out of a texture, into a mould, whose base lies above its cavities
+        # the plane's normal is -z of the texture's frame: out of a texture, into a mould, whose base is above its cavities
         back = self._w.face([*back_loops, *sunk_loops], self._level(self._back_mm), same_sense=not self._flip)
         top = self._plane(0.0, upward=True)
         tiles = []
@@ -140,7 +140,7 @@ class FlatBase(MarkedBase):
             outer, *inner = [self._loop([(self._edges[i], forward) for i, forward in loop]) for loop in loops]
             bounds = bounds_of_tile[tile] if tile < len(bounds_of_tile) else ""
             listed = [wrapped_names([bounds])] if bounds else []
-            # all tiles lie in one PLANE: coplanar faces that share edges, a valid shell
+            # all tiles are on one PLANE; coplanar faces that share edges form a valid shell
             tiles.append(self._w.face([outer, *inner], top, bounds=listed, same_sense=not self._flip))
         return [back, *sunk, *walls, *tiles]
 
@@ -160,10 +160,10 @@ class FlatBase(MarkedBase):
         return self._w.add(f"PLANE('',{self._w.placement(self._turn @ (0.0, 0.0, z), normal, self._turn[:, 0])})")
 
     def _walls(self) -> tuple[list[str], list[str]]:
-        """A wall below each piece of outline and hole, and the loops of the back, the outline's first."""
+        """A wall below each side, corner and hole, and the loops of the back, that of the outline first."""
         walls, back_loops = [], []
         for rim in self._map.rims:
-            # tile lines cut the top's rim, not the back's: one wall and one edge of the back for each whole side or corner
+            # tile lines cut the rim of the top, not that of the back: one wall and one edge of the back per side or corner
             groups = [list(g) for _, g in groupby(rim, key=lambda step: self._map.edges[step[0]].wall)]
             corners = [self._ends(group[0])[0] for group in groups]
             lower = {v: self._w.vertex(self._point(self._map.vertices_mm[v], self._back_mm)) for v in corners}
@@ -171,7 +171,7 @@ class FlatBase(MarkedBase):
             back: list[tuple[str, bool]] = []
             for group, start, end in zip(groups, corners, [*corners[1:], corners[0]], strict=True):
                 edge, forward = self._back_edge(group, start, end, lower)
-                # as the rim runs at the back, up, against it at the top, down: the normal is on the rim's right, outward
+                # along the rim on the back, up, against it on the top, and down: the normal is on the rim's right, outward
                 steps = [(edge, forward), (rises[end], True)]
                 steps += [(self._edges[i], not f) for i, f in reversed(group)]
                 loop = self._loop([*steps, (rises[start], False)])
@@ -189,7 +189,7 @@ class FlatBase(MarkedBase):
         return self._w.line_edge(lower, self._vertices[vertex], self._point(xy, self._back_mm), self._point(xy, 0.0))
 
     def _back_edge(self, group: list[tuple[int, bool]], start: int, end: int, lower: dict[int, str]) -> tuple[str, bool]:
-        """The one edge at the back below a piece of a rim, and whether it runs as the rim does."""
+        """The edge of the back below a side or corner of a rim, and whether it has the rim's direction."""
         forward = group[0][1]
         a, b = (start, end) if forward else (end, start)
         arcs = [arc for i, _ in group if (arc := self._map.edges[i].arc) is not None]
@@ -201,17 +201,17 @@ class FlatBase(MarkedBase):
         return self._edge(edge, lower, self._back_mm), forward
 
     def _wall(self, group: list[tuple[int, bool]], loop: str) -> str:
-        """A plane or a part of a cylinder; the material of a hole lies outside its cylinder."""
+        """A wall on a plane or cylinder; the material around a hole is outside the cylinder."""
         edge = self._map.edges[group[0][0]]
         if edge.arc is None:
             a, b = (np.array(self._map.vertices_mm[v]) for v in (edge.start, edge.end))
             along = (b - a) / np.linalg.norm(b - a)
-            # right of an edge with the material on its left; of a mould, too: walls keep their sides, only the loop turns over
+            # right of an edge with the material on its left; also for a mould, for which only the loop is reversed
             normal = self._turn @ (along[1], -along[0], 0.0)
             plane = self._w.placement(self._point(a, 0.0), normal, self._turn[:, 2])
             return self._w.face([loop], self._w.add(f"PLANE('',{plane})"))
         first = min((arc.start_rad for i, _ in group if (arc := self._map.edges[i].arc) is not None))
         axes = self._axes(edge.arc.centre_mm, 0.0, first)
         surface = self._w.add(f"CYLINDRICAL_SURFACE('',{axes},{real(edge.arc.radius_mm)})")
-        # the surface's normal points away from its axis: out of a rounded corner, into the material round a hole
+        # the surface's normal points away from its axis: out of a rounded corner, into the material around a hole
         return self._w.face([loop], surface, same_sense=not edge.hole)

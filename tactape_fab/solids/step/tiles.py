@@ -1,6 +1,6 @@
-"""The board's top face cut into tiles: its outline with arcs, its holes, and lines between elements, as a planar map.
+"""The board's top face cut into tiles by lines between elements, as a planar map with arcs and holes.
 
-A face with thousands of inner loops takes CAD kernels a time quadratic in their number; tiles of 6 x 6 cells do not.
+CAD kernels take quadratic time in the number of a face's inner loops, of which tiles of 6 x 6 cells have few.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Step = tuple[int, bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arc:
-    """A counter-clockwise arc about `centre_mm`, from `start_rad` to a larger `end_rad`."""
+    """A counter-clockwise arc about `centre_mm`, from `start_rad` to the larger `end_rad`."""
 
     centre_mm: Point
     radius_mm: float
@@ -44,7 +44,7 @@ class Arc:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapEdge:
-    """An edge of the map. `wall` numbers the piece of outline or hole it belongs to; None for a line between tiles."""
+    """An edge of the map; `wall` is the number of its side, corner or hole, None for a line between tiles."""
 
     start: int
     end: int
@@ -57,10 +57,10 @@ class MapEdge:
 class TopMap:
     """The top face as a planar map (board frame, mm).
 
-    edges: Those of outline and holes run counter-clockwise about the board and about the hole.
-    tiles: Loops of every tile, the outer one first; material on the left.
-    rims: The outline and every hole as one loop each, material on the left.
-    tile_of_part (n,): Tile under each placed part, designator order.
+    edges: Edges of outline and holes are counter-clockwise about the board and about the hole.
+    tiles: Loops of every tile, the outer one first, with the material on the left.
+    rims: The outline and every hole as one loop each, with the material on the left.
+    tile_of_part (n,): Tile below each placed part, in designator order.
     """
 
     vertices_mm: list[Point]
@@ -73,11 +73,11 @@ class TopMap:
 def top_map(tape: Tape, *, tiled: bool) -> TopMap:
     """Cut a tape's top face into tiles of 6 x 6 cells, or leave it whole.
 
-    Lines run half way between two columns or rows of elements; where one would only just touch a hole or the end of a
-    rounded corner, all move aside a little.
+    Lines are half way between two columns or rows of elements; if one is nearly tangent to a hole or at the end of a rounded
+    corner, all are shifted slightly.
     """
     reach = np.array(reach_mm(tape.part)) + tape.displacement_mm
-    # room between a line half way and the next element, displaced or not; nudges take three quarters of it at most
+    # distance of a line from the next element at any displacement; shifts take at most three quarters of it
     slack = np.maximum(tape.pitch_mm / 2 - reach, 0.0)
     x0, y0 = tape.board.texture_origin_mm
     columns = np.arange(CELLS_PER_TILE, tape.columns, CELLS_PER_TILE) - 0.5 if tiled else np.empty(0)
@@ -106,7 +106,7 @@ def _outline(board: Board) -> Iterator[tuple[Point, Point, Arc | None]]:
 
 
 class _Drawing:
-    """Lines, outline and holes, cut where they cross."""
+    """Lines, outline and holes, cut at their intersections."""
 
     def __init__(self, board: Board, xs: Sequence[float], ys: Sequence[float]) -> None:
         self.board, self.xs, self.ys = board, xs, ys
@@ -122,7 +122,7 @@ class _Drawing:
         return len(self.vertices) - 1
 
     def _cross(self, axis: int, line: int, point: Point, vertex: int, into: bool) -> None:
-        """Note that tile line `line` of `axis` meets a rim, upward going into the material or out of it."""
+        """Record that tile line `line` of `axis` crosses a rim; `into`: followed upward it enters the material."""
         self._on_line.setdefault((axis, line), []).append((point[1 - axis], vertex, 1 if into else -1))
 
     def _outline_edges(self) -> None:
@@ -137,7 +137,7 @@ class _Drawing:
         for x, y, d in self.board.holes:
             circle = Arc(centre_mm=(x, y), radius_mm=d / 2, start_rad=0.0, end_rad=2 * pi)
             cuts = sorted(self._cuts_of_arc(circle, hole=True))
-            # a circle as one edge would begin and end in one vertex; two halves have ends that differ
+            # two halves, as a circle as one edge would start and end at the same vertex
             if not cuts:
                 cuts = [(0.0, self._vertex(circle.point(0.0))), (pi, self._vertex(circle.point(pi)))]
             for (a, start), (b, end) in zip(cuts, [*cuts[1:], (cuts[0][0] + 2 * pi, cuts[0][1])], strict=True):
@@ -152,7 +152,7 @@ class _Drawing:
             if min(a[axis], b[axis]) < place < max(a[axis], b[axis]):
                 point = (place, a[1]) if axis == 0 else (a[0], place)
                 vertex = self._vertex(point)
-                # the board is left of a side: a line along y enters it over one that runs to +x, a line along x over one to -y
+                # the board is left of a side: a line along y enters it across a side to +x, a line along x across one to -y
                 self._cross(axis, line, point, vertex, into=forward if axis == 0 else not forward)
                 yield abs(place - a[axis]), vertex
 
@@ -164,20 +164,20 @@ class _Drawing:
                 ratio = min(max((lines[line] - centre) / r, -1.0), 1.0)
                 angles = (acos(ratio), 2 * pi - acos(ratio)) if axis == 0 else (asin(ratio), pi - asin(ratio))
                 for angle in angles:
-                    # counted from the arc's start; half open, so that no crossing belongs to two arcs
+                    # relative to the arc's start, half-open, so that no crossing belongs to two arcs
                     turned = arc.start_rad + (angle - arc.start_rad) % (2 * pi)
                     if turned >= arc.end_rad:
                         continue
                     x, y = arc.point(turned)
                     point = (lines[line], y) if axis == 0 else (x, lines[line])
                     vertex = self._vertex(point)
-                    # a line leaves the board by the far half of a corner's circle, but enters it by the far half of a hole's
+                    # a line leaves the board at the far half of a corner's circle, but enters it at the far half of a hole's
                     upper = (sin(turned) if axis == 0 else cos(turned)) > 0.0
                     self._cross(axis, line, point, vertex, into=upper == hole)
                     yield turned, vertex
 
     def _chain(self, start: int, end: int, arc: Arc | None, cuts: list[tuple[float, int]], wall: int, *, hole: bool) -> None:
-        """Edges from start to end through the cuts, all of one wall."""
+        """Add the edges from start to end through the cuts, all of one wall."""
         a = 0.0 if arc is None else arc.start_rad
         for b, vertex in [*cuts, (0.0 if arc is None else arc.end_rad, end)]:
             piece = None if arc is None else Arc(centre_mm=arc.centre_mm, radius_mm=arc.radius_mm, start_rad=a, end_rad=b)
@@ -187,7 +187,7 @@ class _Drawing:
     def _spans(self, axis: int, line: int) -> list[tuple[float, int, float, int]]:
         """Pieces of a tile line inside the material: (from, vertex, to, vertex)."""
         cuts = sorted(self._on_line.get((axis, line), []))
-        # the gaps between, out to in, are holes
+        # gaps, from out to into, are holes
         return [(a, u, b, v) for (a, u, into), (b, v, out) in pairwise(cuts) if into == 1 and out == -1]
 
     def _line_edges(self) -> None:
@@ -195,7 +195,7 @@ class _Drawing:
         for line, x in enumerate(self.xs):
             for a, u, b, v in self._spans(0, line):
                 start = u
-                # lines along y make the vertices where two lines cross, those along x take them up below
+                # lines along y make the vertices at crossings of two lines, which those along x reuse below
                 for across in range(bisect_left(self.ys, a), bisect_left(self.ys, b)):
                     vertex = self._vertex((x, self.ys[across]))
                     crossings[across].append((x, vertex))
@@ -212,17 +212,17 @@ class _Drawing:
                 self.edges.append(MapEdge(start=start, end=v, arc=None, wall=None))
 
     def clean(self) -> bool:
-        """Whether no two vertices nearly coincide, and every line enters and leaves the material in turns."""
+        """Whether no two vertices nearly coincide, and every line alternately enters and leaves the material."""
         import shapely
 
         points = shapely.points(np.array(self.vertices))
-        # each vertex finds itself: as many pairs as vertices mean that no two are near
+        # each vertex is found by itself, so with as many pairs as vertices no two are near
         near = shapely.STRtree(points).query(points, predicate="dwithin", distance=_LEAST_EDGE_MM)
         turns = all([side for _, _, side in sorted(cuts)] == [1, -1] * (len(cuts) // 2) for cuts in self._on_line.values())
         return turns and near.shape[1] == len(points) and not self._touches()
 
     def _touches(self) -> bool:
-        """Whether a line runs along the end of a rounded corner or the side of a hole."""
+        """Whether a line is nearly tangent to a hole, or at the end of a rounded corner."""
         (w, h), r = self.board.size_mm, self.board.corner_radius_mm
         for axis, lines, length in ((0, self.xs, w), (1, self.ys, h)):
             bounds = [r, length - r, *(hole[axis] + s * hole[2] / 2 for hole in self.board.holes for s in (-1, 1))]
@@ -237,7 +237,7 @@ class _Drawing:
         loops = self._loops()
         polygons = [self._polygon(loop) for loop in loops]
         areas = [_area(polygon) for polygon in polygons]
-        # traced with the material on the left: counter-clockwise round a tile, clockwise round a hole that no line cuts
+        # traced with the material on the left: counter-clockwise around a tile, clockwise around a hole that no line cuts
         outer, inner = ([loop for loop, area in zip(loops, areas, strict=True) if area * s > 0.0] for s in (1, -1))
         tiles = [[loop] for loop in outer]
         find = _Finder([polygon for polygon, area in zip(polygons, areas, strict=True) if area > 0.0], self.xs, self.ys)
@@ -254,7 +254,7 @@ class _Drawing:
                 points.append(self.vertices[edge.start if forward else edge.end])
                 continue
             angles = np.linspace(edge.arc.start_rad, edge.arc.end_rad, _SAMPLES + 1)
-            # without its end, with which the next edge begins; chords will do for the sign of an area and the nearest tile
+            # without its end, the start of the next edge; chords suffice for the sign of an area and the nearest tile
             points += [edge.arc.point(a) for a in (angles[:-1] if forward else angles[:0:-1]).tolist()]
         return points
 
@@ -267,11 +267,11 @@ class _Drawing:
         return atan2(b[1] - a[1], b[0] - a[0]) + (0.0 if forward else pi)
 
     def _loops(self) -> list[list[Step]]:
-        """Loops with the material on the left: at each vertex the turn nearest to the left is taken."""
+        """Loops with the material on the left: at each vertex the leftmost turn is taken."""
         leaving: dict[int, list[tuple[float, Step]]] = {}
         for index, edge in enumerate(self.edges):
             for forward in (True, False):
-                # a line has a tile on both sides, a rim on one: on the left of the outline, on the right of a hole's circle
+                # a line has tiles on both sides, a rim on one: on the left of the outline, on the right of a hole's circle
                 if edge.wall is None or forward != edge.hole:
                     vertex = edge.start if forward else edge.end
                     leaving.setdefault(vertex, []).append((self._direction(index, forward), (index, forward)))
@@ -287,7 +287,7 @@ class _Drawing:
                 edge = self.edges[step[0]]
                 vertex = edge.end if step[1] else edge.start
                 back = self._arrival(step) + pi
-                # clockwise from the way back; 1e-9 makes the way back itself the last choice, a full turn away
+                # by angle clockwise from the reverse direction, which itself comes last because of the 1e-9
                 step = min(leaving[vertex], key=lambda row: (back - row[0] - 1e-9) % (2 * pi))[1]
             loops.append(loop)
         return loops
@@ -305,7 +305,7 @@ class _Drawing:
         for i, edge in enumerate(self.edges):
             if edge.hole:
                 rim.append((i, False))
-                # pieces of a hole follow each other in the list, counter-clockwise: the loop is closed where the first one began
+                # edges of a hole are consecutive and counter-clockwise; the loop closes at the start of the first
                 if edge.end == self.edges[rim[0][0]].start:
                     rims.append(rim[::-1])
                     rim = []
@@ -313,7 +313,7 @@ class _Drawing:
 
 
 def _near(lines: Sequence[float], place: float) -> Sequence[float]:
-    """The lines next to a place."""
+    """The lines adjacent to a coordinate."""
     i = bisect_left(lines, place)
     return lines[max(i - 1, 0) : i + 1]
 
@@ -323,7 +323,7 @@ def _area(polygon: Sequence[Point]) -> float:
 
 
 class _Finder:
-    """Finds the tile of a point: by its cell of the lines, and by polygons where a cell has several tiles."""
+    """Finds the tile of a point by its cell between lines, and by polygons if a cell has several tiles."""
 
     def __init__(self, polygons: list[list[Point]], xs: Sequence[float], ys: Sequence[float]) -> None:
         import shapely
@@ -335,7 +335,7 @@ class _Finder:
         self._tiles: dict[int, list[int]] = {}
         for tile, cell in enumerate(cells.tolist()):
             self._tiles.setdefault(cell, []).append(tile)
-        # holes and corners may part a cell of the lines into several tiles, or leave it without one
+        # holes and corners may split a cell into several tiles, or leave it without one
         count = np.bincount(cells, minlength=(len(xs) + 1) * (len(ys) + 1))
         self._only = np.full(len(count), -1)
         self._only[cells] = np.where(count[cells] == 1, np.arange(len(cells)), -1)
@@ -352,7 +352,7 @@ class _Finder:
             here = np.flatnonzero(cells == cell)
             tiles = self._tiles[cell]
             points = shapely.points(xy_mm[here])
-            # 0 inside; chords cut a little off arcs, so that a point beside one may lie in no polygon: the nearest is taken
+            # distance 0 is inside; chords cut off a little of arcs, so a point may be in no polygon, and the nearest is taken
             distance = np.array([shapely.distance(self._polygons[t], points) for t in tiles])
             found[here] = np.array(tiles)[distance.argmin(axis=0)]
         return found

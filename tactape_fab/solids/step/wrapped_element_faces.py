@@ -1,7 +1,7 @@
-"""Entities of an element on a cylinder, exact, as templates.
+"""Exact entities of an element on a cylinder, as templates.
 
-The vertical sides of a block cut the cylinder in ellipses (in circles and lines where it is square to the axis);
-the foot of a dome is the curve in which sphere or cone meet the cylinder, as a spline within 1e-8 mm.
+The planes of a block's sides intersect the cylinder in ellipses (in circles and lines if they are perpendicular or parallel to
+the axis); the foot of a dome is the intersection of sphere or cone with the cylinder, as a spline within 1e-8 mm.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def cylinder_element(tape: Tape, wrap: Wrap, *, flip: bool) -> ElementText:
 
 
 class Place:
-    """Turns points and directions of a part's frame (tangent, axis, normal) into texts for every copy."""
+    """Converts points and directions from a part's frame (tangent, axis, normal) to texts for every copy."""
 
     def __init__(self, wrap: Wrap, angle_rad: FloatArray, b_mm: FloatArray) -> None:
         self._frames = wrap.frames(angle_rad)
@@ -68,21 +68,21 @@ def _block(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
     directions = [place.direction(t, (*d, 0.0)) for d in along]
     vectors = [t.add(f"VECTOR('',{d},1.)") for d in directions]
     up_vector = t.add(f"VECTOR('',{up},1.)")
-    # (tangential, along, distance from the axis): the surface is the circle t^2 + u^2 = R^2 in every cross section
+    # (tangential, along, distance from the axis): the surface is the circle t^2 + u^2 = R^2 in every cross-section
     foot_points = [place.point(t, (x, y, np.sqrt(r**2 - x**2))) for x, y in corners]
     top_points = [place.point(t, (x, y, r + part.body_mm[2])) for x, y in corners]
     foot, top = [t.vertex(p) for p in foot_points], [t.vertex(p) for p in top_points]
     foot_edges = []
     for k in range(4):
-        # a side runs along (c, s) in the tangent plane; its plane, through the vertical, cuts the cylinder in an ellipse that is
-        # seen as the circle of radius R along the axis: half axes R (vertical) and R / |c| (along the side)
+        # a side has the direction (c, s) in the tangent plane; its vertical plane intersects the cylinder in an ellipse with the
+        # semi-axes R (vertical) and R / |c| (along the side)
         c, s = along[k]
         if abs(c) < _SQUARE:
             curve = t.add(f"LINE('',{foot_points[k]},{vectors[k]})")
         else:
-            # where the side's line crosses t = 0: there its plane meets the cylinder's axis
+            # the ellipse's centre is where the side's line crosses t = 0, as its plane meets the axis there
             centre = place.point(t, (0.0, corners[k, 1] - corners[k, 0] * s / c, 0.0))
-            # outward normal of side k is direction k - 1; an ellipse that runs from corner k to k + 1 looks inward
+            # the outward normal of side k is direction k - 1; an ellipse from corner k to k + 1 has an inward axis
             axes = t.axes(centre, directions[(k + 1) % 4], directions[(k + 2) % 4])
             curve = t.add(
                 f"CIRCLE('',{axes},{real(r)})" if abs(s) < _SQUARE else f"ELLIPSE('',{axes},{real(r / abs(c))},{real(r)})"
@@ -102,7 +102,7 @@ def _dome(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
     t = ElementTemplate(flip=flip)
     up, down = place.direction(t, (0.0, 0.0, 1.0)), place.direction(t, (0.0, 0.0, -1.0))
     east, north = place.direction(t, (1.0, 0.0, 0.0)), place.direction(t, (0.0, 1.0, 0.0))
-    # a clamped spline begins in its first control point, at direction 0: on the tangent, where the cone's seam is
+    # a clamped spline starts at its first control point, at direction 0 on the tangent, where the cone's seam is
     controls, knots, multiplicities = closed_spline(foot_loop_mm(part, r, _SAMPLES))
     names = [place.point(t, point) for point in controls]
     start = t.vertex(names[0])
@@ -116,7 +116,7 @@ def _dome(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
     if part.top_mm is None:
         sphere_mm = sphere_radius_mm(part)
         centre = t.axes(place.point(t, (0.0, 0.0, r + height_mm - sphere_mm)), north, down)
-        # the sphere's poles are turned along the cylinder, its seam downward: the cap has neither, and needs no edge for them
+        # the sphere's poles are along the cylinder and its seam is below, so that the cap contains neither
         faces: tuple[int, ...] = (t.face([(foot, True)], t.add(f"SPHERICAL_SURFACE('',{centre},{real(sphere_mm)})")),)
     else:
         top_mm = part.top_mm / 2
@@ -135,10 +135,10 @@ def _dome(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
 
 
 def closed_spline(samples: FloatArray) -> tuple[FloatArray, list[float], list[int]]:
-    """A clamped B-spline of degree 5 through a smooth closed curve, equal in two derivatives where it closes.
+    """A clamped B-spline of degree 5 through a smooth closed curve, with two continuous derivatives where it closes.
 
-    It has as few spans as stay within 0.02 nm of the curve in their middles, at most 192: on the smallest cylinders it may be
-    a little farther off.
+    It has the fewest spans with an error below 0.02 nm at their middles, but at most 192, with which the error may be slightly
+    larger on the smallest cylinders.
 
     samples (m, 3): Of the curve at equal steps of its period.
     Returns controls (spans + 5, 3).
@@ -157,16 +157,16 @@ def closed_spline(samples: FloatArray) -> tuple[FloatArray, list[float], list[in
 def _interpolated(samples: FloatArray, spans: int) -> tuple[FloatArray, float]:
     """Control points for a number of spans, and the largest distance from the curve in the middles of the spans."""
     p = _SPLINE_DEGREE
-    # clamped, so spans + p functions; as many conditions: spans + 1 places and two derivatives at each of two ends
+    # clamped, so spans + p functions, and as many conditions: spans + 1 places, and two derivatives at both ends
     knots = np.concatenate([np.zeros(p), np.arange(spans + 1), np.full(p, spans)]).astype(np.float64)
     steps, ends = np.arange(spans + 1, dtype=np.float64), np.array([0.0, float(spans)])
     rows = [_basis(knots, steps, 0), _basis(knots, ends, 1), _basis(knots, ends, 2)]
     values = [_on_curve(samples, places, spans, order) for places, order in ((steps, 0), (ends, 1), (ends, 2))]
     controls: FloatArray = np.linalg.solve(np.vstack(rows), np.vstack(values))
-    # both ends are the same place but for rounding: one vertex must be enough
+    # exactly equal ends, without rounding, as they are one vertex
     controls[-1] = controls[0]
     middles = steps[:-1] + 0.5
-    # the error of an interpolating spline is largest about the middles between its knots
+    # the error of an interpolating spline is largest near the middles between its knots
     off = _basis(knots, middles, 0) @ controls - _on_curve(samples, middles, spans, 0)
     return controls, float(np.linalg.norm(off, axis=1).max())
 
@@ -175,11 +175,11 @@ def _on_curve(samples: FloatArray, places: FloatArray, period: float, derivative
     """A closed curve through samples at equal steps, or a derivative of it, by its Fourier series; shape (places, 3)."""
     wave = np.fft.rfft(samples, axis=0)
     order = np.arange(len(wave))
-    # a derivative multiplies rounding noise by the order, up to 256, the second one by its square
+    # removes rounding noise, which each derivative would multiply by the order, up to 256
     wave[np.abs(wave).max(axis=1) < 1e-15 * np.abs(wave).max()] = 0.0
     rate = 2j * pi / period
     phase = np.exp(rate * np.outer(places, order))
-    # real signal: negative orders double all but the mean (and the highest order, which is nothing for a smooth curve)
+    # real signal: negative orders double all but the mean (and the highest order, which is negligible for a smooth curve)
     weight = np.where(order == 0, 1.0, 2.0) * (rate * order) ** derivative
     return np.asarray(np.real(phase @ (weight[:, None] * wave)) / len(samples))
 
@@ -197,7 +197,7 @@ def _basis(knots: FloatArray, places: FloatArray, derivative: int, degree: int =
         return a * lower[:, :-1] - b * lower[:, 1:]
     if degree == 0:
         inside = (knots[:-1] <= places[:, None]) & (places[:, None] < knots[1:])
-        # spans are half open; the end of the last one belongs to it, or all functions would be 0 there
+        # spans are half-open, except the last, at whose end all functions would be 0 otherwise
         last = int(np.flatnonzero(knots[:-1] < knots[1:])[-1])
         inside[places == knots[-1], last] = True
         return inside.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Charts: how a flat texture lies on a surface. What a mesh and a CAD face have in common, and the frames they give."""
+"""Charts: maps of a flat texture onto a surface; the common interface of meshes and CAD faces, and their frames."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _FURTHEST_MM = 100_000.0
 class Placement:
     """Placement of a texture on a surface.
 
-    face: Face of a STEP model, from 0 in the file's order; None is the face under `at_mm`, else the largest.
-    at_mm: Point of the surface, model coordinates, for the middle of the texture's grid; None is the face's own centre, of a mesh
-        the point straight above the middle of its volume.
-    up: Direction of board +y, laid into the surface; None is +z, or +y where the surface faces +z or -z within 10 degrees.
+    face: Face of a STEP model, from 0 in the file's order; None for the face at `at_mm`, else the largest.
+    at_mm: Point of the surface in model coordinates for the middle of the texture's grid; None for the face's centre, or for a
+        mesh the point vertically above its centroid.
+    up: Direction of board +y, projected into the surface; None for +z, or +y where the normal is within 10 degrees of +z or -z.
     """
 
     face: int | None = None
@@ -56,7 +56,7 @@ def _triple(table: Fields, key: str, unit: str, remedy: str) -> tuple[float, flo
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frames:
-    """Many places on a surface with the directions of the board there; model coordinates, mm.
+    """Places on a surface with the board's axes there; model coordinates, mm.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Frames:
     facet : ndarray of int, shape (n,)
         Triangle of a mesh, or 0.
     walked_mm : ndarray, shape (n,)
-        How far the way from the middle got: shorter than the offset where the surface ends before.
+        Length of the path from the middle: less than the offset if the surface ends before.
     arrived : ndarray of bool, shape (n,)
     """
 
@@ -92,26 +92,26 @@ class Chart(Protocol):
         """The middle of the texture: one frame."""
 
     def frames(self, offset_mm: FloatArray) -> Frames:
-        """Places of points of the flat board; `offset_mm`, shape (n, 2), from the centre, board x and y."""
+        """Frames at points of the flat board; `offset_mm`, shape (n, 2), is relative to the centre, board x and y."""
 
     def feet(self, frames: Frames, outline_mm: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """The surface about places: heights over their tangent planes at `outline_mm`, shape (k, 2).
+        """Heights of the surface over the tangent planes of places, at the points `outline_mm`, shape (k, 2), of these planes.
 
         Returns height_mm (n, k): Along the normal, negative below the tangent plane.
-        Returns on_surface (n, k): Whether the surface goes on to there.
+        Returns on_surface (n, k): Whether the surface extends to there.
         """
 
 
 def unit(vectors: FloatArray) -> FloatArray:
-    """Vectors of length 1 along the last axis; zero stays zero."""
+    """Vectors normalised along the last axis; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1.0)
 
 
 def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatArray:
-    """Direction of board x where a surface has the outward `normal` and board y points as `up` does; shape (3,).
+    """Direction of board x for the outward `normal`, with board y along the projection of `up`; shape (3,).
 
-    Raises SpecError when `up` is no direction, or parallel to the normal.
+    Raises SpecError if `up` is not a direction, or is parallel to the normal.
     """
     if up is None:
         near_z = abs(float(normal[2])) > cos(radians(_NEAR_Z_DEG))
@@ -130,22 +130,22 @@ def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatA
 
 
 def turned(vectors: FloatArray, old: FloatArray, new: FloatArray) -> FloatArray:
-    """Vectors taken along by the smallest turn that takes normal `old` to `new`, and laid at right angles to it; (n, 3)."""
+    """Vectors transported by the smallest rotation from normal `old` to `new`, and made perpendicular to it; (n, 3)."""
     # Rodrigues' formula with a = k sin = old x new: v cos + a x v + a (a . v) (1 - cos) / sin^2, whose last factor is
-    # 1 / (1 + cos); bounded beyond 120 deg, by which no step of a way turns
+    # 1 / (1 + cos); bounded beyond 120 deg, which no step of a path reaches
     axis = np.cross(old, new)
     cosine = np.einsum("ij,ij->i", old, new)[:, None]
     along = np.einsum("ij,ij->i", axis, vectors)[:, None]
     moved = vectors * cosine + np.cross(axis, vectors) + axis * (along / (1.0 + np.maximum(cosine, -0.5)))
-    # thousands of small turns add up their rounding: without this the axes would leave the tangent plane
+    # rounding errors of thousands of steps would otherwise move the axes out of the tangent plane
     moved -= new * np.einsum("ij,ij->i", moved, new)[:, None]
     return unit(moved)
 
 
 def nearest(points: FloatArray, queries: FloatArray, count: int = 1, within_mm: float = np.inf) -> tuple[FloatArray, IntArray]:
-    """Distances and indices of the points nearest to each query; shapes (q,) or, for several, (q, count).
+    """Distances and indices of the `count` points nearest to each query; shapes (q,) or (q, count).
 
-    Where none is within the distance, it is infinite and the index the number of points.
+    If none is within `within_mm`, the distance is infinite, and the index is the number of points.
     """
     from scipy.spatial import cKDTree
 
@@ -154,7 +154,7 @@ def nearest(points: FloatArray, queries: FloatArray, count: int = 1, within_mm: 
 
 
 def connected(one: IntArray, other: IntArray, count: int) -> tuple[int, IntArray]:
-    """Groups of `count` things that hang together by pairs: how many, and the group of each thing, shape (count,)."""
+    """Connected components of `count` items joined by pairs: their number, and the component of each item, shape (count,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -1,4 +1,4 @@
-"""Planes, cylinders and cones rolled out flat, and flat texture rolled on: exact, vectorised, without a CAD kernel."""
+"""Exact development of planes, cylinders and cones into the plane, and its inverse; vectorised, without a CAD kernel."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Kind = Literal["plane", "cylinder", "cone"]
 
 
 class Places(NamedTuple):
-    """Places of a surface: parameters, shape (n, 2), and in model coordinates, shape (n, 3), the points, the images of the two
-    flat axes, and the normals that point away from the surface's axis.
+    """Places on a surface: parameters, shape (n, 2); in model coordinates, shape (n, 3), points, images of the two flat axes, and
+    normals, which point away from the surface's axis.
     """
 
     uv: FloatArray
@@ -28,13 +28,13 @@ class Places(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Developable:
-    """A surface that can be rolled out flat, in the parameters of OCCT: v is a length along the surface.
+    """A developable surface in the parametrisation of OCCT, in which v is a length along the surface.
 
     kind {"plane", "cylinder", "cone"}
     origin_mm (3,)
     axes (3, 3): x, y and the axis z of the surface as rows.
-    radius_mm: Of a cylinder, of a cone at its origin.
-    half_angle_rad: Of a cone: its radius is ``radius_mm + v sin(half_angle_rad)``.
+    radius_mm: Radius of a cylinder, or of a cone at its origin.
+    half_angle_rad: Half angle of a cone, whose radius is ``radius_mm + v sin(half_angle_rad)``.
     """
 
     kind: Kind
@@ -53,7 +53,7 @@ class Developable:
         return np.stack([np.arctan2(y, x), v], axis=1)
 
     def roll(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
-        """Go straight over the surface from places at `uv` by `flat_mm`, each (n, 2).
+        """Move along geodesics from places at `uv` by `flat_mm`, each (n, 2).
 
         The flat axes at a place are x and y of a plane, around and along the axis of a cylinder, away from the apex and
         around the axis of a cone.
@@ -71,13 +71,13 @@ class Developable:
         start = (frames.points_mm - self.origin_mm) @ self.axes.T
         x, y, z = (axes @ self.axes.T for axes in (frames.x_axis, frames.y_axis, frames.normal))
         point = start[:, None] + x_mm[:, :, None] * x[:, None] + y_mm[:, :, None] * y[:, None]
-        # along the normal n from a point p the surface is where X^2 + Y^2 = (R + t Z)^2, a h^2 + 2 b h + c = 0
+        # along the normal n from a point p the surface satisfies X^2 + Y^2 = (R + t Z)^2, that is a h^2 + 2 b h + c = 0
         slope = tan(self.half_angle_rad)
         radius, turned = self.radius_mm + slope * point[:, :, 2], slope * z[:, None, 2]
         a = (z[:, None, :2] ** 2).sum(axis=2) - turned**2
         b = (point[:, :, :2] * z[:, None, :2]).sum(axis=2) - radius * turned
         c = (point[:, :, :2] ** 2).sum(axis=2) - radius**2
-        # the root near 0, without the difference of nearly equal numbers
+        # the root near 0, without cancellation
         return np.asarray(-c / (b + np.copysign(np.sqrt(np.maximum(b**2 - a * c, 0.0)), b)))
 
     def _on_plane(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
@@ -87,12 +87,12 @@ class Developable:
         return Places(end, points, x, y, z)
 
     def _around(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Directions away from the axis and around it."""
+        """Radial and circumferential directions."""
         c, s = np.cos(u)[:, None], np.sin(u)[:, None]
         return c * self.axes[0] + s * self.axes[1], c * self.axes[1] - s * self.axes[0]
 
     def _on_cylinder(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
-        # an arc of length s turns by s / R; along the axis nothing changes
+        # an arc of length s is an angle of s / R; along the axis lengths are unchanged
         end = uv + flat_mm / (self.radius_mm, 1.0)
         away, around = self._around(end[:, 0])
         points = self.origin_mm + self.radius_mm * away + end[:, 1:] * self.axes[2]
@@ -100,7 +100,7 @@ class Developable:
 
     def _on_cone(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
         sine, cosine = sin(self.half_angle_rad), cos(self.half_angle_rad)
-        # rolled out flat a cone is a sector: slant length L = radius / sin from the apex, angle u sin, of the half angle's sine
+        # a cone develops into a sector with slant length L = radius / sin from the apex and angle u sin, of the half angle
         narrow = abs(sine)
         start_mm = (self.radius_mm + uv[:, 1] * sine) / narrow
         # the flat step begins at (L, 0) of the sector; polar coordinates of its end give the slant length and the turn there
@@ -110,10 +110,10 @@ class Developable:
         u, v = uv[:, 0] + turn / narrow, (slant * narrow - self.radius_mm) / sine
         away, around = self._around(u)
         points = self.origin_mm + (slant * narrow)[:, None] * away + (v * cosine)[:, None] * self.axes[2]
-        # along the generatrix away from the apex, which lies below where the half angle is positive
+        # along the generatrix away from the apex, which is below if the half angle is positive
         down = narrow * away + np.sign(sine) * cosine * self.axes[2]
         c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
-        # square to the generatrix (sine, cosine) in the plane of (away, axis)
+        # perpendicular to the generatrix (sine, cosine) in the plane of (away, axis)
         normal = cosine * away - sine * self.axes[2]
-        # flat x and y seen from polar coordinates at the angle `turn`: e_x = c e_r - s e_phi, e_y = s e_r + c e_phi
+        # flat x and y in polar coordinates at the angle `turn`: e_x = c e_r - s e_phi, e_y = s e_r + c e_phi
         return Places(np.stack([u, v], axis=1), points, c * down - s * around, s * down + c * around, normal)

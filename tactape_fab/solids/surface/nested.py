@@ -1,4 +1,4 @@
-"""Shells of a mesh that lie in others: which of them face the wrong way for a body or a hollow where they are."""
+"""Check of nested shells of a mesh: whether each bounds a body or a cavity at its place."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from tactape_fab.solids.surface.charts import connected
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _MOST_LOOKED_AT, _BOXES_OF_ONE = 20_000_000, 10
-"""Triangles seen from points, some three seconds of them, and how many boxes of shells take as long as one."""
+"""Limit of the pairs of point and triangle, which take some three seconds, and number of bounding boxes that cost as much as a
+pair."""
 _POINTS = 9
 
 
 def wrong_shells(mesh: Mesh) -> tuple[int, FloatArray]:
-    """Number of shells that bound nothing, and the middle of the first (mm).
+    """Number of shells that bound neither a body nor a cavity, and the middle of the first (mm).
 
-    mesh: Closed, and no shell cuts another. Outside a body its winding number is 0, inside it 1: a shell that faces out stands
-        where it is 0, one that faces in, a hollow's, where it is 1. A body in another has 2, and counts twice in every volume.
+    mesh: Closed, without intersecting shells. The winding number is 0 outside a body and 1 inside: an outward shell is valid
+        where the others give 0, an inward one, of a cavity, where they give 1. A body in a body would count twice in volumes.
 
-    Raises SpecError where so many shells lie in each other that looking at all of them would take minutes.
+    Raises SpecError if so many shells are nested that the check would take minutes.
     """
     faces = mesh.faces
     shells, label = connected(faces.ravel(), np.roll(faces, 1, axis=1).ravel(), len(mesh.vertices_mm))
     if shells == 1:
         return 0, np.zeros(3)
-    # triangles shell by shell
+    # triangles grouped by shell
     owner = label[faces[:, 0]]
     order = np.argsort(owner, kind="stable")
     corners = mesh.corners_mm[order]
@@ -34,7 +35,7 @@ def wrong_shells(mesh: Mesh) -> tuple[int, FloatArray]:
     starts = np.r_[0, ends[:-1]]
     low, high = np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
     middles, looked_at = (low + high) / 2, 0
-    bounds = np.ascontiguousarray(np.concatenate([low, -high], axis=1).T)  # each axis in one piece: several times faster
+    bounds = np.ascontiguousarray(np.concatenate([low, -high], axis=1).T)  # contiguous by axis, which is several times faster
     outward = np.add.reduceat(_volumes6(corners - np.repeat(middles, ends - starts, axis=0)[:, None]), starts) > 0
     wrong = np.zeros(shells, dtype=bool)
     for shell in range(shells):
@@ -45,7 +46,7 @@ def wrong_shells(mesh: Mesh) -> tuple[int, FloatArray]:
             wrong[shell] = not outward[shell]
             continue
         there = np.concatenate([np.arange(starts[k], ends[k]) for k in np.flatnonzero(around)])
-        # several points, as some of a shell that only touches another lie on it
+        # several points, as some of a shell that touches another are on it
         own: IntArray = np.unique(np.linspace(starts[shell], ends[shell] - 1, _POINTS).astype(np.int64))
         looked_at += len(there) * len(own)
         if looked_at > _MOST_LOOKED_AT:
@@ -61,7 +62,7 @@ def _volumes6(corners: FloatArray) -> FloatArray:
 
 
 def _winding(corners: FloatArray, point_mm: FloatArray) -> float:
-    """How often closed shells go round a point: the solid angles of their triangles over that of a sphere."""
+    """Winding number of closed shells about a point: the solid angles of their triangles over that of a sphere."""
     # A. van Oosterom, J. Strackee: The Solid Angle of a Plane Triangle, IEEE Trans. Biomed. Eng. 30 (1983), Eq. 8
     a, b, c = np.moveaxis(corners - point_mm, 1, 0)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

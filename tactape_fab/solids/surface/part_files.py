@@ -1,4 +1,4 @@
-"""The user's mesh: read from STL, OBJ, PLY or 3MF with bounds on everything, welded, and refused where it is no solid."""
+"""The user's mesh: reading of STL, OBJ, PLY or 3MF within limits, welding, and checks that it is a solid."""
 
 from __future__ import annotations
 
@@ -23,30 +23,31 @@ MESH_FORMATS = ("stl", "3mf", "obj", "ply")
 MOST_BYTES = 512 * 1024 * 1024
 LEAST_SIZE_MM, MOST_SIZE_MM = 1.0, 5000.0
 MOST_AWAY_MM = 2.0**14
-"""How far a part may reach from its origin: from there on, coordinates of an STL (float32) are 2 um apart."""
+"""Largest distance of a part from its origin; beyond it, coordinates of an STL (float32) are 2 um apart."""
 
 _WELD = 1e-6
-"""Corners closer than this part of the model's size are one vertex: float32, the coordinates of an STL, is that fine."""
+"""Distance, as a fraction of the model's size, below which corners are one vertex: the resolution of float32 in an STL."""
 _LEAST_VOLUME = 1e-12
-"""Volume of a solid as a part of the cube of its size; rounding gives a flat mesh less."""
+"""Least volume of a solid, as a fraction of the cube of its size; a flat mesh has less by rounding."""
 _MOST_BOXES, _BOXES_EACH = 30_000_000, 200
-"""Pairs of triangles whose boxes overlap, of a mesh and for each of its triangles: a fine one has some 20 for each."""
+"""Most pairs of triangles with overlapping bounding boxes, per mesh and per triangle; a fine mesh has some 20 per triangle."""
 _OPPOSITE, _SLIVER = 0.999, 100.0
-"""Cosine of normals that are opposite, and width over the grain of triangles that cover each other and are no slivers."""
+"""Cosine beyond which normals are opposite, and least width of overlapping triangles that are not slivers, as a multiple of the
+resolution."""
 _SAMPLE = 2000
-"""Triangles among which it is counted from where the fewest boxes overlap."""
+"""Triangles of the sample by which the direction with fewest overlapping boxes is chosen."""
 _MOST_PAIRS, _PAIRS_EACH = 200_000, 20
-"""Pairs of these, in one's plane of which the other has corners on both sides."""
+"""Most pairs, per mesh and per triangle, in which one triangle crosses the plane of the other."""
 _MOST_NEAR = 50
-"""Corners within the grain of an open one, on average."""
+"""Most corners within the resolution of an open corner, on average."""
 
 
 def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
-    """Read a mesh file, in mm, its equal corners welded; whether it is a solid is for `closed_mesh` to say.
+    """Read a mesh file in mm, with equal corners welded; `closed_mesh` checks whether it is a solid.
 
     kind {"stl", "3mf", "obj", "ply"}
-    unit {"mm", "cm", "m", "inch"}: What the file's numbers are in; a 3MF says so itself.
-    Raises SpecError when the file is too large, cannot be read, holds no triangles, or a coordinate that is not finite.
+    unit {"mm", "cm", "m", "inch"}: Unit of the file's numbers; a 3MF states its own.
+    Raises SpecError if the file is too large, cannot be read, has no triangles, or has a coordinate that is not finite.
     """
     if len(data) > MOST_BYTES:
         raise SpecError(f"SURFACE has {len(data)} bytes, more than {MOST_BYTES}; give a coarser mesh")
@@ -78,11 +79,11 @@ def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
 
     log = logging.getLogger("trimesh")
     level = log.level
-    log.setLevel(logging.CRITICAL + 1)  # its tracebacks say nothing to the user
+    log.setLevel(logging.CRITICAL + 1)  # its tracebacks do not help the user
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            # from bytes and without a resolver: materials and textures that an OBJ names are never looked for
+            # from bytes and without a resolver, so that materials and textures named in an OBJ are not opened
             loaded: Any = trimesh.load(
                 io.BytesIO(data), file_type=kind, force="mesh", process=False, skip_materials=True, resolver=None
             )
@@ -90,7 +91,7 @@ def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
         faces = np.array(getattr(loaded, "faces", np.zeros((0, 3))), dtype=np.int64).reshape(-1, 3)
     except MemoryError:
         raise SpecError(f"SURFACE needs more memory than there is to be read as {kind.upper()}; give a coarser mesh") from None
-    except Exception as error:  # whatever a parser makes of untrusted bytes
+    except Exception as error:  # parsers raise any exception on untrusted bytes
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise SpecError(f"SURFACE cannot be read as {kind.upper()}: {reason}; export it again, or as another format") from error
     finally:
@@ -101,8 +102,8 @@ def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
 
 
 def welded(vertices: FloatArray, faces: IntArray) -> Mesh:
-    """Equal vertices as one, along open edges also those that only rounding parts; no triangle that runs through one twice."""
-    # equal corners first. Of open edges alone also near ones, as in a closed mesh details may be as fine as the grain
+    """Mesh with equal vertices merged, along open edges also nearly equal ones, and without degenerate triangles."""
+    # nearly equal vertices are merged at open edges only, as a closed mesh may have details as fine as the resolution
     points, _, place = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     mesh = _without_slits(Mesh(vertices_mm=points, faces=place.reshape(-1)[faces]))
     border = _border(mesh.faces)
@@ -121,11 +122,11 @@ def _without_slits(mesh: Mesh) -> Mesh:
 
 
 def _clusters(points: FloatArray, within_mm: float) -> IntArray:
-    """The first point of those that each hangs together with; shape (n,)."""
+    """For each point, the first point of its cluster, connected within a distance; shape (n,)."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
-    # asked first, as a crowd of n points has n^2 pairs to list
+    # counted first, as n points at one place have n^2 pairs
     if tree.count_neighbors(tree, within_mm) > _MOST_NEAR * len(points):
         raise SpecError(f"SURFACE has thousands of open edges within {within_mm:.3g} mm; repair it and export it again")
     a, b = tree.query_pairs(within_mm, output_type="ndarray").T
@@ -143,9 +144,9 @@ def _edge_keys(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _border(faces: IntArray) -> IntArray:
-    """Vertices of the edges that only one triangle has."""
+    """Vertices of the open edges, which only one triangle has."""
     forward, backward = _edge_keys(faces)
-    # the smaller of the two keys is the same from both sides
+    # the smaller of both keys is the same for both directions
     undirected, count = np.unique(np.minimum(forward, backward), return_counts=True)
     single = undirected[count == 1]
     vertices = int(faces.max()) + 1 if len(faces) else 1
@@ -153,10 +154,10 @@ def _border(faces: IntArray) -> IntArray:
 
 
 def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
-    """The mesh, outside out, once it has proved to be a solid's; `crossings` says whether to look for those too.
+    """The mesh, oriented outward, after checks that it is a solid; `crossings` includes self-intersections.
 
-    Raises SpecError when edges are open, shared by more than two triangles or by two of opposite sense, the mesh cuts itself, or
-        a shell bounds neither a body nor a hollow where it is.
+    Raises SpecError if edges are open, shared by more than two triangles, or by two that are inconsistently oriented, if the
+        mesh intersects itself, or a shell bounds neither a body nor a cavity.
     """
     forward, backward = _edge_keys(mesh.faces)
     _, count = np.unique(np.minimum(forward, backward), return_counts=True)
@@ -166,11 +167,11 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
         raise SpecError(f"SURFACE is not watertight: {open_edges} of its {len(count)} edges are open; {repair}")
     if crowded:
         raise SpecError(f"SURFACE is no simple solid: {crowded} edges belong to more than two triangles; {repair}")
-    # every edge is between two triangles here: if both run through it the same way, one of them faces the other way
+    # every edge has two triangles here; if both traverse it in the same direction, one of them is reversed
     if len(np.unique(forward)) != len(forward):
         turned = len(forward) - len(np.unique(forward))
         raise SpecError(f"SURFACE has triangles that face opposite ways: {turned} edges are run through twice; {repair}")
-    # before the sign, which of a flat mesh is that of rounding, and before folds, of which a flat mesh has nothing else
+    # before the sign of the volume, which for a flat mesh is arbitrary, and before folds, of which a flat mesh consists
     if abs(mesh.volume_mm3) <= _LEAST_VOLUME * float(np.ptp(mesh.vertices_mm, axis=0).max()) ** 3:
         raise SpecError("SURFACE encloses no volume: all of it is flat; give a closed mesh of a solid")
     cuts, at_mm = self_intersections(mesh) if crossings else (0, (0.0, 0.0, 0.0))
@@ -194,11 +195,11 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
 
 
 def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[float, float]) -> None:
-    """Raise SpecError where a model is so small or large that its numbers must be in another unit.
+    """Raise SpecError if a model is so small or large that its unit must be another one.
 
     size_mm (3,): Extent along x, y, z.
-    unit: The unit that was assumed; None where the file states its own.
-    texture_mm: Width and height of the texture; it may go round the model once, not more.
+    unit: The assumed unit; None if the file states its own.
+    texture_mm: Width and height of the texture, which may go around the model at most once.
     """
     largest = float(size_mm.max())
     reach = float(np.hypot(*texture_mm))
@@ -207,7 +208,7 @@ def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[f
         problem = f"SURFACE is {shown} mm, larger than {MOST_SIZE_MM:g} mm"
     elif largest < LEAST_SIZE_MM:
         problem = f"SURFACE is {shown} mm, smaller than {LEAST_SIZE_MM:g} mm"
-    # a plane section of a convex body of diagonal D is at most pi D long: once round, and no more
+    # the perimeter of a plane section of a convex body of diagonal D is at most pi D
     elif np.pi * np.linalg.norm(size_mm) < reach:
         problem = f"SURFACE is {shown} mm, smaller than the texture of {texture_mm[0]:.4g} x {texture_mm[1]:.4g} mm"
     else:
@@ -227,7 +228,7 @@ def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[f
 
 
 def refuse_far_away(corners_mm: FloatArray) -> None:
-    """Raise SpecError where a model lies so far from its origin that an STL of it would be too coarse; corners (n, 3)."""
+    """Raise SpecError if a model is so far from its origin that its STL would be too coarse; corners (n, 3)."""
     furthest = float(np.abs(corners_mm).max())
     if furthest > MOST_AWAY_MM:
         raise SpecError(
@@ -237,15 +238,15 @@ def refuse_far_away(corners_mm: FloatArray) -> None:
 
 
 def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
-    """Number of pairs of triangles that cross each other, and where the first does (mm).
+    """Number of pairs of triangles that intersect, and the place of the first (mm).
 
-    An edge of one that goes through the inside of the other counts, and triangles about one vertex that cover each other in their
-    plane, facing opposite ways; others that only touch or lie in each other's plane do not.
+    An edge through the interior of another triangle counts, and so do coplanar triangles at a common vertex that overlap with
+    opposite normals; triangles that only touch or are coplanar do not.
 
-    Raises SpecError if so many triangles lie within each other's reach that looking at all pairs would take minutes.
+    Raises SpecError if so many triangles are near each other that checking all pairs would take minutes.
     """
     corners = mesh.corners_mm
-    # the grain of float32 coordinates: what crosses by less may be rounding
+    # resolution of float32 coordinates; intersections by less may be due to rounding
     tolerance = 1e-6 * float(np.ptp(mesh.vertices_mm, axis=0).max())
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
@@ -257,9 +258,9 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
         if len(folded) and not found:
             first = corners[folded[0]].mean(axis=0)
         found += len(folded)
-        # an edge that goes through a triangle's inside has its ends on both sides of that plane: most pairs end here
+        # an edge through a triangle's interior has its ends on both sides of its plane, which excludes most pairs
         pairs = near[:, _across(corners, normals, near, tolerance) | _across(corners, normals, near[::-1], tolerance)]
-        # triangles with a common edge meet there and in no other point, unless they lie in one plane
+        # triangles with a common edge have no other common point, unless they are coplanar
         shared = (mesh.faces[pairs[0]][:, :, None] == mesh.faces[pairs[1]][:, None, :]).sum(axis=(1, 2))
         a, b = pairs[:, shared < 2]
         looked_at += len(a)
@@ -281,7 +282,7 @@ _CROWDED = "in one place; give a mesh of one part, with triangles of even size"
 
 
 def _folded(faces: IntArray, corners: FloatArray, normals: FloatArray, pairs: IntArray, tolerance: float) -> IntArray:
-    """The first triangles of pairs that cover each other, as of a polygon that is not convex and was cut into a fan."""
+    """First triangles of coplanar pairs that overlap, such as in the fan of a polygon that is not convex."""
     import shapely
 
     one, other = pairs[:, np.einsum("ij,ij->i", normals[pairs[0]], normals[pairs[1]]) < -_OPPOSITE]
@@ -292,12 +293,12 @@ def _folded(faces: IntArray, corners: FloatArray, normals: FloatArray, pairs: In
     axes = np.stack([along, np.cross(normals[one], along)], axis=2)
     flat = (shapely.polygons((corners[k] - corners[one, :1]) @ axes) for k in (one, other))
     longest = np.ptp(corners[one], axis=1).max(axis=1, initial=0.0)
-    # slivers that rounding has turned over are narrower
+    # slivers reversed by rounding are narrower
     return np.asarray(one[shapely.area(shapely.intersection(*flat)) > _SLIVER * tolerance * longest])
 
 
 def _across(corners: FloatArray, normals: FloatArray, pairs: IntArray, tolerance: float) -> BoolArray:
-    """Whether the second triangle of each pair has corners beyond both sides of the plane of the first; shape (n,)."""
+    """Whether the second triangle of each pair has corners on both sides of the plane of the first; shape (n,)."""
     one, other = pairs
     from_plane = np.einsum("nkj,nj->nk", corners[other] - corners[one, :1], normals[one])
     return np.asarray((from_plane.min(axis=1) < -tolerance) & (from_plane.max(axis=1) > tolerance))
@@ -308,7 +309,7 @@ def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
     import shapely
 
     low, high = corners.min(axis=1), corners.max(axis=1)
-    # counted among some: seen from its edge a fine level face is a line, where the boxes are smallest and nearly all overlap
+    # counted in a sample, as the best direction depends on the shape: boxes of a flat face overlap when seen edge-on
     some = np.random.default_rng(0).permutation(len(corners))[:_SAMPLE]
     meets = (low[some, None] <= high[None, some] + tolerance).transpose(2, 0, 1)
     meets &= meets.transpose(0, 2, 1)
@@ -324,7 +325,7 @@ def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
             raise SpecError(f"SURFACE has {count} and more pairs of triangles {_CROWDED}")
         one = one + start
         start += size
-        size = int(np.clip(size * 250_000 // max(len(one), 1), 10, 20_000))  # about as many pairs in each chunk
+        size = int(np.clip(size * 250_000 // max(len(one), 1), 10, 20_000))  # for about 250,000 pairs per chunk
         keep = other > one
         one, other = one[keep], other[keep]
         keep = (low[one, depth] <= high[other, depth]) & (low[other, depth] <= high[one, depth])
@@ -332,7 +333,7 @@ def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
 
 
 def _pierces(start: FloatArray, end: FloatArray, triangle: FloatArray, tolerance: float) -> BoolArray:
-    """Whether segments go through the inside of triangles, by more than `tolerance` on both sides; shape (n,)."""
+    """Whether segments pass through the interior of triangles, by more than `tolerance` on both sides; shape (n,)."""
     a, b, c = triangle[:, 0], triangle[:, 1], triangle[:, 2]
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1)
@@ -340,10 +341,10 @@ def _pierces(start: FloatArray, end: FloatArray, triangle: FloatArray, tolerance
     over = np.einsum("ij,ij->i", start - a, unit)
     under = np.einsum("ij,ij->i", end - a, unit)
     through = (np.minimum(over, under) < -tolerance) & (np.maximum(over, under) > tolerance) & (area > 0)
-    # heights over the plane fall linearly from `over` to `under`: the share to 0 is over / (over - under)
+    # the height over the plane is linear from `over` to `under`, and 0 at the fraction over / (over - under)
     at = start + (end - start) * (over / np.where(through, over - under, 1))[:, None]
     for p, q in ((a, b), (b, c), (c, a)):
-        # square to the side, into the triangle, as long as the side: distance from it times that length
+        # perpendicular to the side, into the triangle, as long as the side: gives the distance times that length
         inward = np.cross(unit, q - p)
         length = np.linalg.norm(inward, axis=1)
         through &= np.einsum("ij,ij->i", at - p, inward) > tolerance * length

@@ -1,4 +1,4 @@
-"""A face of a STEP solid under a texture: read, rolled out exactly, and fused by OCCT through build123d."""
+"""A face of a STEP solid as a chart of a texture, developed exactly; by OCCT through build123d."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ADVICE = "give a plane, a cylinder or a cone, or export the part as STL, where 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StepModel:
-    """A STEP file's one solid and its faces in the file's order (build123d objects)."""
+    """The single solid of a STEP file, and its faces in the file's order (build123d objects)."""
 
     solid: Any
     faces: tuple[Any, ...]
@@ -46,13 +46,13 @@ class StepModel:
 
     @property
     def corners_mm(self) -> FloatArray:
-        """Least and largest x, y, z; shape (2, 3)."""
+        """Minimum and maximum x, y, z; shape (2, 3)."""
         box = self.solid.bounding_box()
         return np.array([tuple(box.min), tuple(box.max)])
 
     @property
     def chord_error_mm(self) -> float:
-        """Largest distance of the mesh from the faces, mm: 2 um, for a large solid 1e-5 of its size, never more than 10 um."""
+        """Largest distance of the mesh from the faces, mm: 2 um, for a large solid 1e-5 of its size, but at most 10 um."""
         return float(np.clip(1e-5 * self.size_mm.max(), *_CHORD_ERROR_MM))
 
     def tessellated(self) -> Mesh:
@@ -60,7 +60,7 @@ class StepModel:
         from OCP.BRepMesh import BRepMesh_IncrementalMesh
 
         chord_mm = self.chord_error_mm
-        BRepMesh_IncrementalMesh(self.solid.wrapped, chord_mm, False, _TURN_RAD, True)  # build123d's own is relative to edges
+        BRepMesh_IncrementalMesh(self.solid.wrapped, chord_mm, False, _TURN_RAD, True)  # build123d's is relative to edges
         points, triangles = self.solid.tessellate(chord_mm, _TURN_RAD)
         if len(triangles) > MOST_FACES:
             raise SpecError(f"SURFACE takes {len(triangles)} triangles, more than {MOST_FACES}; give a smaller or simpler solid")
@@ -79,7 +79,7 @@ class StepModel:
 
 
 def read_step_solid(data: bytes) -> StepModel:
-    """Read a STEP file of one solid. Raises SpecError when it cannot be read, or holds no solid or several."""
+    """Read a STEP file of one solid. Raises SpecError if it cannot be read, or has no solid or several."""
     import build123d as bd
     from OCP.BRepCheck import BRepCheck_Analyzer
 
@@ -96,7 +96,7 @@ def read_step_solid(data: bytes) -> StepModel:
                 if not others:
                     content = bd.import_step(path)
                     solids, faces = content.solids(), content.faces()
-        except Exception as error:  # whatever the kernel makes of untrusted bytes
+        except Exception as error:  # the kernel raises any exception on untrusted bytes
             reason = " ".join(str(error).split())[:200] or type(error).__name__
             raise SpecError(f"SURFACE cannot be read as STEP: {reason}; export it again, or as STL") from error
     if others:
@@ -109,20 +109,20 @@ def read_step_solid(data: bytes) -> StepModel:
         raise SpecError(f"SURFACE holds no solid, only {len(faces)} loose faces; {remedy}, or as a closed STL mesh")
     if len(solids) > 1:
         raise SpecError(f"SURFACE holds {len(solids)} solids; {remedy}")
-    if not BRepCheck_Analyzer(solids[0].wrapped).IsValid():  # booleans of an invalid solid crash OCCT, or never end
+    if not BRepCheck_Analyzer(solids[0].wrapped).IsValid():  # booleans of an invalid solid may crash OCCT or never end
         raise SpecError("SURFACE is no valid solid, as OCCT finds; repair it in your CAD program, or export it as STL")
     return StepModel(solid=solids[0], faces=tuple(solids[0].faces()))
 
 
 def _other_files(path: Path) -> int:
-    """How many files a STEP file names that OCCT would read with it, from anywhere: a stranger's, or a FIFO, for ever."""
+    """Number of external files that OCCT would read with a STEP file, from any path, even a FIFO."""
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.STEPConstruct import STEPConstruct_ExternRefs
     from OCP.STEPControl import STEPControl_Reader
 
     reader = STEPControl_Reader()
     if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        return 0  # importing says so
+        return 0  # the import reports it
     named = STEPConstruct_ExternRefs(reader.WS())
     named.LoadExternRefs()
     return int(named.NbExternRefs())
@@ -130,7 +130,7 @@ def _other_files(path: Path) -> int:
 
 @contextmanager
 def _quiet_kernel() -> Iterator[None]:
-    """OCCT writes what it thinks of a file to stdout; what is wrong with it is said in our own message."""
+    """Context manager: silences OCCT's messages about a file on stdout, as our own message names the problem."""
     from OCP.Message import Message
 
     messenger = Message.DefaultMessenger_s()
@@ -149,7 +149,7 @@ def _kind(face: Any) -> str:
 
 
 def developable(face: Any) -> Developable | None:
-    """The surface of a face where it can be rolled out, None for other kinds."""
+    """The surface of a face if it is developable, None for other kinds."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     adaptor, kind = BRepAdaptor_Surface(face.wrapped), _kind(face)
@@ -170,10 +170,9 @@ def developable(face: Any) -> Developable | None:
 
 
 class FaceChart:
-    """A face of a STEP solid with the texture's middle and up direction on it.
+    """Chart of a face of a STEP solid, with the texture's middle and up direction.
 
-    Raises SpecError when the face does not exist or cannot be rolled out, the point lies off it, or `up` is parallel to its
-        normal.
+    Raises SpecError if the face does not exist or is not developable, the point is off it, or `up` is parallel to its normal.
     """
 
     def __init__(self, model: StepModel, placement: Placement) -> None:
@@ -193,7 +192,7 @@ class FaceChart:
             near, distance = _nearest(face, wanted)
             refuse_off_surface(wanted, near, distance, float(model.size_mm.max()))
             start = surface.parameters(near[None])
-        # the developed surface has its normal away from the axis, the face's own may point the other way, as in a bore
+        # the developed surface's normal points away from the axis, but the face's may be opposite, as in a bore
         place = surface.roll(start, np.zeros((1, 2)))
         outward = face.normal_at(tuple(place.points_mm[0].tolist()))
         self.sense = copysign(1.0, float(place.normal[0] @ np.array([outward.X, outward.Y, outward.Z])))
@@ -216,7 +215,7 @@ class FaceChart:
         x_axis = turn[:, 0, :1] * places.first + turn[:, 0, 1:] * places.second
         walked = np.hypot(offset_mm[:, 0], offset_mm[:, 1])
         lost = np.flatnonzero(~arrived)
-        # how far a way gets that ends outside, to a millionth of it; one border is assumed on the way
+        # length of a path that ends outside, by bisection to a millionth of it; it is assumed to cross one border
         low, high = np.zeros(len(lost)), np.ones(len(lost))
         for _ in range(_HALVINGS if len(lost) else 0):
             middle = (low + high) / 2
@@ -233,7 +232,7 @@ class FaceChart:
         )
 
     def feet(self, frames: Frames, outline_mm: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Heights of the surface about places; see `Chart.feet`."""
+        """Heights of the surface over tangent planes; see `Chart.feet`."""
         count, points = len(frames.points_mm), len(outline_mm)
         start = frames[np.repeat(np.arange(count), points)]
         places, _ = self._roll(start, np.tile(outline_mm, (count, 1)))
@@ -241,16 +240,16 @@ class FaceChart:
         return height.reshape(count, points), self._inside(places.uv).reshape(count, points)
 
     def _roll(self, start: Frames, offset_mm: FloatArray) -> tuple[Places, FloatArray]:
-        """Go by board offsets from places; and board x and y in the flat axes there, shape (n, 2, 2)."""
+        """Places at board offsets from given ones; and components of board x and y along the flat axes, shape (n, 2, 2)."""
         uv = self.surface.parameters(start.points_mm)
         here = self.surface.roll(uv, np.zeros_like(uv))
         flat = np.stack([here.first, here.second], axis=1)
-        # components of board x and y along the surface's flat axes: rolling out keeps angles, so they hold all the way
+        # the components are constant along the path, as a development preserves angles
         turn = np.einsum("nbi,nfi->nbf", np.stack([start.x_axis, start.y_axis], axis=1), flat)
         return self.surface.roll(uv, np.einsum("nb,nbf->nf", offset_mm, turn)), turn
 
     def _middle(self, face: Any) -> FloatArray:
-        """Parameters of a face's own centre: of their ranges, or where that is no part of it, of its widest place."""
+        """Parameters of a face's centre: the middle of their ranges or, if that is outside the face, of its widest place."""
         from OCP.BRepTools import BRepTools
 
         u0, u1, v0, v1 = BRepTools.UVBounds_s(face.wrapped)
@@ -269,7 +268,7 @@ class FaceChart:
 
 
 def _chosen(model: StepModel, index: int | None, at_mm: FloatArray | None) -> int:
-    """The face asked for, else the one under the point, else the largest."""
+    """Index of the chosen face: the given one, else that at the point, else the largest."""
     if index is not None:
         if not 0 <= index < len(model.faces):
             raise SpecError(Problem("face", f"face = {index} does not exist: {model.listing()}"))
@@ -288,17 +287,17 @@ def _nearest(face: Any, point_mm: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _classifier(face: Any) -> Any:
-    """A function from parameters, shape (n, 2), to whether they lie inside a face's borders, shape (n,)."""
+    """A function that tells which parameters, shape (n, 2), are inside a face's borders, shape (n,)."""
     from OCP.gp import gp_Pnt2d
     from OCP.IntTools import IntTools_FClass2d
     from OCP.TopAbs import TopAbs_State
 
-    # in parameters, so that no point has to be projected; built once for a face
+    # in parameter space, without projecting points; built once per face
     classes = IntTools_FClass2d(face.wrapped, 1e-7)
 
     def is_inside(u: float, v: float) -> bool:
         state = classes.Perform(gp_Pnt2d(u, v), True)
-        if state == TopAbs_State.TopAbs_ON:  # a border, or only the seam, which has the face on both sides
+        if state == TopAbs_State.TopAbs_ON:  # on a border, or on the seam, which has the face on both sides
             beside = [classes.Perform(gp_Pnt2d(u + step, v), True) for step in (-_BESIDE_RAD, _BESIDE_RAD)]
             return beside == [TopAbs_State.TopAbs_IN] * 2
         return bool(state == TopAbs_State.TopAbs_IN)

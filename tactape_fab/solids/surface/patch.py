@@ -1,4 +1,4 @@
-"""Distortion of a texture on a surface: pitch, edges, folds, gaps, curvature, each with the radius where it first fails."""
+"""Distortion of a texture on a surface: pitch, edges, folds, gaps, curvature, each with the radius at which it first fails."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tape
 
 SINK_MM = 0.05
-"""Depth of an element's foot below the lowest point of the surface under it, mm."""
+"""Depth of an element's foot below the lowest point of the surface beneath it, mm."""
 MOST_PITCH_ERROR = 0.10
-"""Error of the pitch up to which a place on the surface counts as usable."""
+"""Largest relative error of the pitch at a usable place."""
 MOST_PITCH_ERROR_AT_ALL = 0.25
-"""Error of the pitch beyond which a texture is refused: neighbouring grid points could be taken for others."""
+"""Relative error of the pitch beyond which a texture is refused, as grid points could be mistaken for neighbours."""
 LEAST_GAP_MM = 0.01
-"""Least distance of two elements: closer ones collide."""
+"""Distance below which two elements collide."""
 
 _STEEPEST = 0.5
 _PROBE_DIRECTIONS = 48
@@ -52,9 +52,9 @@ def too_distorted(errors: FloatArray, radius_mm: float) -> tuple[float, str]:
 
 
 def _arc_mm(a: Frames, b: Frames) -> FloatArray:
-    """Distance of places along the surface: the chord, as an arc that turns as far as the normals do."""
+    """Distance of places along the surface: the length of a circular arc with their chord and the angle of their normals."""
     chord = np.linalg.norm(a.points_mm - b.points_mm, axis=1)
-    # two unit vectors at an angle t are 2 sin(t / 2) apart; on a circle chord = 2 R sin(t / 2) and arc = R t, hence the ratio
+    # two unit vectors at an angle t are 2 sin(t / 2) apart; on a circle chord = 2 R sin(t / 2) and arc = R t
     half = np.arcsin(np.clip(np.linalg.norm(a.normal - b.normal, axis=1) / 2, 0.0, 1.0))
     return np.asarray(chord * np.where(half > 1e-6, half / np.where(half > 1e-6, np.sin(half), 1.0), 1.0))
 
@@ -72,25 +72,25 @@ def beyond_edge(offset_mm: FloatArray, elements: Frames, on_surface: BoolArray) 
 
 
 def folds(tape: Tape, grid: Frames, offset_mm: FloatArray) -> tuple[float, str]:
-    """Folded cells, and places that are near each other on the surface but not on the board."""
+    """Problem of folded cells, and of places that are near each other on the surface but not on the board."""
     radius = np.hypot(*offset_mm.T)
     index = np.arange(tape.rows * tape.columns).reshape(tape.rows, tape.columns)
     corner, right, below = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel()
     whole = grid.arrived[corner] & grid.arrived[right] & grid.arrived[below]
     corner, right, below = corner[whole], right[whole], below[whole]
     points = grid.points_mm
-    # rows go down the board: -y x x = z, so along the normal unless the cell is folded
+    # rows count downward: -y x x = z, so the product is along the normal unless the cell is folded
     facing = np.cross(points[below] - points[corner], points[right] - points[corner])
     over = np.einsum("ij,ij->i", facing, grid.normal[corner]) <= 0
     radii = list(radius[corner[over]])
     there = np.flatnonzero(grid.arrived)
     if len(there) > 1:
-        # itself and 12 others, more than an even grid has within one pitch; missing ones have the number of points
+        # itself and 12 others, more than a regular grid has within one pitch; missing ones have the index len(points)
         _, other = nearest(points[there], points[there], min(_NEAREST, len(there)), tape.pitch_mm)
         a, k = np.nonzero(other < len(there))
         a, b = there[a], there[other[a, k]]
         apart = np.maximum(np.abs(a % tape.columns - b % tape.columns), np.abs(a // tape.columns - b // tape.columns))
-        # normals that point apart belong to the two sides of a thin wall, which may lie near each other
+        # opposite normals are those of two sides of a thin wall, which may be near each other
         meets = (apart >= 2) & (np.einsum("ij,ij->i", grid.normal[a], grid.normal[b]) > 0)
         radii += list(np.maximum(radius[a], radius[b])[meets])
     if not radii:
@@ -100,26 +100,26 @@ def folds(tape: Tape, grid: Frames, offset_mm: FloatArray) -> tuple[float, str]:
 
 
 def gaps_mm(tape: Tape, elements: Frames) -> tuple[FloatArray, IntArray]:
-    """Gaps of elements that are near each other, and those pairs; shapes (p,), (p, 2).
+    """Gaps between elements that are near each other, and their pairs; shapes (p,), (p, 2).
 
-    The elements of a pair are seen along the normal of either one, foot and top together; their gap is the largest over
-    the directions of their sides (separating axes), so never more than their distance, and negative where they overlap.
+    Both elements, foot and top, are projected along the normal of either one; the gap is the largest along the directions of
+    their sides (separating axes), so at most their distance, and negative if they overlap.
     """
     there = np.flatnonzero(elements.arrived)
     if len(there) < 2:
         return np.zeros(0), np.zeros((0, 2), dtype=np.int64)
     points = elements.points_mm[there]
-    # feet whose middles are a diagonal apart cannot touch on a plane; the rest is for surfaces that bend towards each other
+    # on a plane feet whose middles are a diagonal apart cannot touch; the margin is for surfaces that curve inward
     near_mm = max(2.2 * float(np.hypot(*np.array(tape.part.body_mm[:2]))), 1.5 * tape.pitch_mm)
     _, other = nearest(points, points, min(_NEAREST, len(there)), near_mm)
     a, k = np.nonzero(other < len(there))
     pairs = np.stack([there[a], there[other[a, k]]], axis=1)
     pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
     between = elements.points_mm[pairs[:, 1]] - elements.points_mm[pairs[:, 0]]
-    # pairs one above the other, on two sheets of the surface, would overlap in the view along the normal without being near
+    # pairs above each other, on two sheets of the surface, would overlap in projection without being near
     over = np.abs(np.einsum("ij,ij->i", between, elements.normal[pairs[:, 0]]))
     pairs = pairs[over < tape.part.body_mm[2] + np.hypot(*reach_mm(tape.part)) + 2 * SINK_MM]
-    # each view is a lower bound of the distance: the larger one is the better
+    # each projection gives a lower bound of the distance, of which the larger one is better
     gaps = np.maximum(_seen_from(tape.part, elements, pairs), _seen_from(tape.part, elements, pairs[:, ::-1]))
     return gaps, pairs
 
@@ -127,11 +127,11 @@ def gaps_mm(tape: Tape, elements: Frames) -> tuple[FloatArray, IntArray]:
 def _seen_from(part: TapePart, elements: Frames, pairs: IntArray) -> FloatArray:
     """Largest gap of each pair along the side directions of its first element; shape (p,)."""
     one, two = elements[pairs[:, 0]], elements[pairs[:, 1]]
-    # foot and top bound a convex element; with them both a leaning neighbour is seen whole
+    # foot and top bound a convex element, also an inclined neighbour
     rings = element_rings_mm(part)[[0, -1]]
     axes = np.stack([two.x_axis, two.y_axis, two.normal], axis=1)
     if part.shape == "dome":
-        # circles: of the neighbour's, which leans, no point is seen farther than its radius from its middle, and its own is one
+        # circles: points of the inclined neighbour's projection are within its radius of its middle
         heights, radii = rings[:, :, 2].mean(axis=1), np.hypot(rings[:, :, 0], rings[:, :, 1]).max(axis=1)
         middles = (two.points_mm - one.points_mm)[:, None] + heights[:, None] * two.normal[:, None]
         seen = np.stack([np.einsum("ijk,ik->ij", middles, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
@@ -140,7 +140,7 @@ def _seen_from(part: TapePart, elements: Frames, pairs: IntArray) -> FloatArray:
     flat = np.stack([np.einsum("ijk,ik->ij", corners, axis) for axis in (one.x_axis, one.y_axis)], axis=2)
     own = rotate(flat, -part.rotation_deg)
     half = np.array(part.body_mm[:2]) / 2
-    # how far all corners lie beyond either end of the body, along its length and its width: the larger one separates them
+    # distance of all corners beyond either end of the body, along its length and its width, of which the larger separates them
     return np.asarray(np.maximum(own.min(axis=1) - half, -half - own.max(axis=1)).max(axis=1))
 
 
@@ -158,7 +158,7 @@ def collisions(offset_mm: FloatArray, gap_mm: FloatArray, pairs: IntArray) -> tu
 
 
 def too_curved(part: TapePart, offset_mm: FloatArray, height_mm: FloatArray, on_surface: BoolArray) -> tuple[float, str]:
-    """Least radius of an element whose foot would be off the surface by half its height (inf if none), and the problem's text."""
+    """Least radius of an element whose foot deviates from the surface by half its height (inf if none), and a message."""
     most_mm = _STEEPEST * part.body_mm[2]
     off = np.where(on_surface, np.abs(height_mm), 0.0).max(axis=1)
     wrong = off > most_mm
@@ -172,7 +172,7 @@ def too_curved(part: TapePart, offset_mm: FloatArray, height_mm: FloatArray, on_
 
 
 def probed_radius_mm(tape: Tape, chart: Chart, reach_mm: float) -> float:
-    """Radius about the middle where the surface ends, meets itself, or rings about the middle are too short or long."""
+    """Radius about the middle at which the surface ends, meets itself, or the circumference of rings is too short or too long."""
     most_mm = _PROBE_REACH * reach_mm
     radii = np.arange(1, _PROBE_RINGS + 1) * (most_mm / _PROBE_RINGS)
     angle = np.arange(_PROBE_DIRECTIONS) * (2 * np.pi / _PROBE_DIRECTIONS)
@@ -181,10 +181,10 @@ def probed_radius_mm(tape: Tape, chart: Chart, reach_mm: float) -> float:
     limits = [most_mm, float(probes.walked_mm[~probes.arrived].min()) if not probes.arrived.all() else most_mm]
     shape = (_PROBE_RINGS, _PROBE_DIRECTIONS)
     index = np.arange(_PROBE_RINGS * _PROBE_DIRECTIONS).reshape(shape)
-    # neighbours on a ring: on a plane they are a side of a regular polygon apart, 2 r sin(pi / n)
+    # on a plane neighbours on a ring are a side of a regular polygon apart, 2 r sin(pi / n)
     side = _arc_mm(probes[index.ravel()], probes[np.roll(index, -1, axis=1).ravel()]).reshape(shape)
     stretch = side / (2 * radii[:, None] * np.sin(np.pi / _PROBE_DIRECTIONS)) - 1
-    # steps between two directions, the short way round; more than a twelfth of a turn apart they should not come near each other
+    # steps between two directions, the shorter way; places more than a twelfth of a turn apart should not be near each other
     between = np.abs(index[0][:, None] - index[0])
     across = np.minimum(between, _PROBE_DIRECTIONS - between) > _PROBE_DIRECTIONS // 12
     for k in range(1, _PROBE_RINGS):
@@ -192,11 +192,11 @@ def probed_radius_mm(tape: Tape, chart: Chart, reach_mm: float) -> float:
             break
         ring = probes.points_mm[index[k]]
         distance = np.linalg.norm(ring[:, None] - ring, axis=2)
-        # on small rings all points are within a pitch of each other
+        # not on small rings, on which all points are within a pitch
         meets = radii[k] > 3 * tape.pitch_mm and (distance[across] < tape.pitch_mm).any()
         worst, before = float(np.abs(stretch[k]).max()), float(np.abs(stretch[k - 1]).max())
         if worst > MOST_PITCH_ERROR:
-            # the error grows from ring to ring: linear between the two about the limit
+            # the error grows from ring to ring; interpolated linearly at the limit
             part = (MOST_PITCH_ERROR - before) / (worst - before) if worst > before else 0.0
             limits.append(float(radii[k - 1] + np.clip(part, 0, 1) * (radii[k] - radii[k - 1])))
             break
@@ -207,14 +207,14 @@ def probed_radius_mm(tape: Tape, chart: Chart, reach_mm: float) -> float:
 
 
 def fitted_radius_mm(grid: Frames) -> float | None:
-    """Radius of the sphere, or else the cylinder, that a patch is to 1 %; None for a plane and every other shape.
+    """Radius of a patch that is a sphere or a cylinder within 1 %; None for a plane and any other shape.
 
-    On a sphere about c every place is c + R n with its normal n; on a cylinder so across its axis.
+    On a sphere about c every place is c + R n with its normal n; on a cylinder this holds perpendicular to the axis.
     """
     points, normals = grid.points_mm, grid.normal
-    # p = c + R n for all places: about the means c is gone, and least squares give R = sum p . n / sum n . n
+    # p = c + R n for all places: relative to the means c cancels, and least squares give R = sum p . n / sum n . n
     points, normals = points - points.mean(axis=0), normals - normals.mean(axis=0)
-    # normals of a cylinder vary in two directions only: the third one is its axis, along which p says nothing of R
+    # normals of a cylinder vary in two directions; the third is its axis, along which p does not depend on R
     directions = np.linalg.svd(normals, full_matrices=False)[2]
     if np.linalg.norm(normals, axis=1).max() < _FLAT:
         return None

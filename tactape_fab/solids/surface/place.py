@@ -1,4 +1,4 @@
-"""A texture on a surface: every element placed, the patch measured, and refused where it cannot be made."""
+"""Layout of a texture on a surface: places of all elements, measurement of the distortion, and refusal if it is too large."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ MOST_ELEMENTS = 50_000
 class Distortion:
     """Distortion of a texture on its surface.
 
-    pitch_error_min, pitch_error_median, pitch_error_max: Distance of neighbouring grid points along the surface over the pitch,
-        less 1.
-    closest_gap_mm: Least distance of two elements, measured across their feet and tops; None where none are near.
+    pitch_error_min, pitch_error_median, pitch_error_max: Relative error of the distance of neighbouring grid points along the
+        surface.
+    closest_gap_mm: Least distance of two elements; None if none are near each other.
     reach_mm: Distance of the farthest grid point from the middle, on the flat board.
-    usable_radius_mm: Largest radius about the middle within which no edge, no collision and no fold lies and the pitch error
-        stays within `MOST_PITCH_ERROR`; looked for as far as four times the reach.
-    deepest_sink_mm: How far below its tangent plane the deepest foot begins.
+    usable_radius_mm: Largest radius about the middle without edge, collision or fold, and with a pitch error of at most
+        `MOST_PITCH_ERROR`; searched up to four times the reach.
+    deepest_sink_mm: Depth of the deepest foot below its tangent plane.
     """
 
     pitch_error_min: float
@@ -59,14 +59,14 @@ class Distortion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LaidOut:
-    """A texture as it lies on a surface.
+    """A texture laid out on a surface.
 
-    centre: The middle of the grid: one frame.
-    elements: Every element, designator order: the middle of its foot, its board directions.
-    grid: The grid point of every element.
-    sink_mm (n,): How far each element's solid must reach below its tangent plane.
-    volume_mm3, volume_error_mm3 (n,): Expected volume of each element above the surface, and how far that may be off.
-    radius_mm: Of the sphere or cylinder that the patch is, within 1 %: positive where it bulges, negative where it is hollow.
+    centre: Frame at the middle of the grid.
+    elements: Frame at the middle of every element's foot, designator order.
+    grid: Frame at the grid point of every element.
+    sink_mm (n,): Depth of each element's solid below its tangent plane.
+    volume_mm3, volume_error_mm3 (n,): Expected volume of each element above the surface, and its largest error.
+    radius_mm: Radius if the patch is a sphere or cylinder within 1 %: positive if convex, negative if concave; else None.
     """
 
     tape: Tape
@@ -86,7 +86,7 @@ def texture_size_mm(tape: Tape) -> tuple[float, float]:
 
 
 def refuse_tape(tape: Tape) -> None:
-    """Raise SpecError where a tape cannot be laid on any surface: too many elements, or elements larger than their cell."""
+    """Raise SpecError for a tape with too many elements, or with elements larger than their cell."""
     problems = []
     if tape.part_count > MOST_ELEMENTS:
         message = f"the kit has {tape.part_count} elements, more than {MOST_ELEMENTS}; use a smaller --size"
@@ -106,12 +106,12 @@ def refuse_tape(tape: Tape) -> None:
 
 
 def lay_out(tape: Tape, chart: Chart) -> LaidOut:
-    """Lay a tape's texture on a surface, the middle of its grid on the chart's centre.
+    """Lay out a tape's texture on a surface, with the middle of its grid at the chart's centre.
 
-    Raises SpecError where the texture runs off the surface, folds, or elements collide or miss it: every problem, each with
-        its distance from the middle, and the largest radius that works.
+    Raises SpecError if the texture extends beyond the surface or folds, or elements collide or miss it: every problem with its
+        distance from the middle, and the largest usable radius.
     """
-    # middle of the grid, not of the board: margins and the tag's strip play no part on the user's own part
+    # middle of the grid, not of the board, as margins and strip are not used on the user's own part
     middle = (np.array([tape.columns, tape.rows]) - 1) / 2 * tape.pitch_mm
     middle_mm = texture_to_board(middle, tape.board.texture_origin_mm)
     offset_mm = tape.part_xy_mm() - middle_mm
@@ -140,7 +140,7 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
         )
         raise SpecError([Problem("surface", message) for message in problems])
     volume, volume_error = _volumes_mm3(tape.part, height_mm)
-    # below the lowest point of the outline; a surface that curves towards the element has none below the plane
+    # below the lowest point of the surface along the outline; a concave surface has none below the tangent plane
     sink_mm = np.maximum(-height_mm.min(axis=1), 0.0) + SINK_MM
     placed = np.flatnonzero(tape.placed.ravel())
     return LaidOut(
@@ -165,7 +165,7 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
 
 
 def smaller_kit(tape: Tape, reach_mm: float, usable_mm: float) -> str:
-    """The kit to use where a texture reaches too far: its outline smaller by the same share, if a window fits."""
+    """Remedy for a texture that is too large: a kit with a proportionally smaller outline, if a window fits."""
     sides_mm = np.floor(usable_mm / reach_mm * np.array(tape.board.size_mm))
     if sides_mm.min() < 6 * tape.pitch_mm:
         return "a kit of a smaller --size"
@@ -173,7 +173,7 @@ def smaller_kit(tape: Tape, reach_mm: float, usable_mm: float) -> str:
 
 
 def foot_outline_mm(part: TapePart) -> FloatArray:
-    """Points of a foot's outline in opposite pairs: corners and middles of the sides, or of a circle; shape (8, 2)."""
+    """Points of a foot's outline: middles of the sides and corners of a rectangle, or points of a circle; shape (8, 2)."""
     if part.shape == "dome":
         angle = np.arange(8) * (np.pi / 4)
         return part.body_mm[0] / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -183,17 +183,17 @@ def foot_outline_mm(part: TapePart) -> FloatArray:
 
 
 def _volumes_mm3(part: TapePart, height_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Volume of each element above a surface that is a quadric under its foot, and what another shape could change."""
-    # mean of z = (k1 u^2 + k2 v^2) / 2 + k12 uv: over a disc half of its mean on the rim; over a rectangle of half sides a, b
-    # (k1 a^2 + k2 b^2) / 6, a sixth of the sum over the four middles of its sides, the first four points; uv means 0 in both
+    """Volume of each element above the surface, taken as a quadric below its foot, and the largest error of that."""
+    # mean of z = (k1 u^2 + k2 v^2) / 2 + k12 uv: over a disc half its mean on the rim; over a rectangle of half sides a, b
+    # (k1 a^2 + k2 b^2) / 6, a sixth of the sum over the middles of its sides, the first four points; uv has the mean 0
     mean_mm = height_mm.mean(axis=1) / 2 if part.shape == "dome" else height_mm[:, :4].sum(axis=1) / 6
     area, volume = foot_area_mm2(part), element_volume_mm3(part)
-    # the surface below the tangent plane makes an element larger; a share of its height's range allows for what is no quadric
+    # a surface below the tangent plane makes an element larger; the error allows for surfaces that are not quadrics
     return volume - area * mean_mm, 0.02 * volume + 0.5 * area * np.ptp(height_mm, axis=1)
 
 
 def record(laid: LaidOut) -> dict[str, Any]:
-    """The place as the manifest records it: centre, directions, radius, distortion."""
+    """The manifest's record of the place: centre, axes, radius, distortion."""
     centre = laid.centre
     return {
         "centre_mm": [round(float(v), 6) + 0.0 for v in centre.points_mm[0]],

@@ -1,4 +1,4 @@
-"""Placements file: places of a texture's elements on a surface, as CSV. Reading checks every value."""
+"""Placements file: places of a texture's elements on a surface, as CSV; the reader checks every value."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COLUMNS = (
     *("Designator", "Column", "Row", "X", "Y", "Z", "Grid X", "Grid Y", "Grid Z"),
     *("Axis X", "Axis Y", "Axis Z", "Normal X", "Normal Y", "Normal Z"),
 )
-"""An element's middle on the surface, its grid point (mm), its board x and its outward normal (unit vectors)."""
+"""Columns: an element's middle on the surface and its grid point (mm), its board x axis and outward normal (unit vectors)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,8 +40,8 @@ class PlacementsError(TactapeError):
 
 
 def placements_csv(laid: LaidOut) -> bytes:
-    """The placements of a laid out texture: mm to 6 decimals, directions to 9."""
-    # rounded first, then + 0.0: "%.6f" would write a tiny negative number as -0.000000
+    """The placements of a texture: mm with 6 decimals, directions with 9."""
+    # rounded, then + 0.0, as "%.6f" would write a tiny negative number as -0.000000
     places = np.round(np.hstack([laid.elements.points_mm, laid.grid.points_mm]), 6) + 0.0
     directions = np.round(np.hstack([laid.elements.x_axis, laid.elements.normal]), 9) + 0.0
     text = io.StringIO(newline="")
@@ -56,7 +56,7 @@ def placements_csv(laid: LaidOut) -> bytes:
 def read_placements(data: bytes, count: int) -> Placed:
     """Read a placements file of `count` elements.
 
-    Raises PlacementsError when columns, the number of rows or values are not as they should be.
+    Raises PlacementsError if columns, number of rows or values are wrong.
     """
     try:
         rows = list(csv.reader(io.StringIO(data.decode("ascii"), newline="")))

@@ -1,4 +1,4 @@
-"""Volumes of elements that stand on a plane, a cylinder or a cone: exact, vectorised, without a CAD kernel."""
+"""Exact volumes of elements on a plane, a cylinder or a cone; vectorised, without a CAD kernel."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _HALVINGS = 44
 
 
 def standing_mm3(part: TapePart, surface: Developable, frames: Frames, sink_mm: float) -> FloatArray:
-    """Volume of each element outside the surface that it stands on, its flank going on below its foot; shape (n,).
+    """Volume of each element outside its surface, with the flank extended below the foot; shape (n,).
 
-    sink_mm: How far below the tangent plane the elements reach; the surface meets all of them above that.
+    sink_mm: Depth of the elements below the tangent plane; the surface intersects all of them above that.
     """
     if part.shape == "block":
         return _blocks_mm3(part, surface, frames)
@@ -34,7 +34,7 @@ def _blocks_mm3(part: TapePart, surface: Developable, frames: Frames) -> FloatAr
     c, s = np.cos(radians(part.rotation_deg)), np.sin(radians(part.rotation_deg))
     shape = (len(frames.points_mm), _NODES**2)
     x, y = (np.broadcast_to(a, shape) for a in (c * along - s * across, s * along + c * across))
-    # sides stand straight, so the surface's height over the tangent plane is taken off everywhere under the foot
+    # sides are vertical, so the surface's mean height over the tangent plane is subtracted from the block's
     mean_mm = surface.heights(frames, x, y) @ np.outer(weight, weight).ravel() / 4
     return length * width * (height - mean_mm)
 
@@ -65,7 +65,7 @@ def _domes_mm3(part: TapePart, surface: Developable, frames: Frames, sink_mm: fl
     c, s = np.cos(angle), np.sin(angle)
     count = len(frames.points_mm)
     low, high = np.full((count, _DIRECTIONS), top_mm), np.full((count, _DIRECTIONS), rim_mm)
-    # the flank falls outwards faster than the surface may: one crossing, or none above the rim, where the side is straight
+    # the flank falls outward faster than the surface, so there is one intersection, or none above the rim
     for _ in range(_HALVINGS):
         radius = (low + high) / 2
         outside = flank_mm(radius) > surface.heights(frames, radius * c, radius * s)

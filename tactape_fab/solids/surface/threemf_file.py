@@ -1,4 +1,4 @@
-"""Reader of a user's 3MF as triangles: streamed, so that no tree of its XML is built, with bounds on all that it asks for."""
+"""Streaming reader of a user's 3MF as triangles, which builds no XML tree and has limits on every count."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ MOST_FACES = 2_000_000
 FURTHEST_MM = 1e9
 _MOST_VERTICES = 3 * MOST_FACES
 _MOST_UNPACKED, _MOST_RATIO, _SPARE = 1 << 30, 40, 1 << 20
-"""Bytes of a model, and how many times those of the file they may be: our own have 6 to 9 times, slicers' 4 to 12."""
+"""Most bytes of an unpacked model, and largest ratio to the file's: our own have 6 to 9, those of slicers 4 to 12."""
 _UNITS_MM = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
 _SOLID = ("model", "solidsupport")
-"""Types of objects that are filled and stay (3MF Core Specification 1.3, section 4.1)."""
+"""Types of objects that are solid and part of the print (3MF Core Specification 1.3, section 4.1)."""
 _DEEPEST = 16
 _MOST_OBJECTS = 10_000
 
@@ -50,7 +50,7 @@ def read_3mf(data: bytes) -> tuple[FloatArray, IntArray]:
 
 @dataclass(slots=True)
 class _Object:
-    """An object of the model: its mesh, and the components that it puts together."""
+    """An object of the model: its mesh, or its components."""
 
     kind: str = "model"
     points: array[float] = field(default_factory=lambda: array("d"))
@@ -61,7 +61,7 @@ class _Object:
 
 
 class _Model:
-    """One 3MF model: its objects, put together as its build says."""
+    """One 3MF model: its objects, and the items of its build."""
 
     def __init__(self, xml: bytes) -> None:
         self.unit_mm = 1.0
@@ -69,9 +69,9 @@ class _Model:
         self.items: list[Mapping[str, str]] = []
         self.placed = self.faces = self.vertices = self.read = 0
         self._now = _Object()
-        # handlers by the full name of an element, known once the root has said its namespace
+        # handlers by an element's full name, known once the root has given its namespace
         self._of: dict[str, Callable[[dict[str, str]], None]] | None = None
-        # names come as "namespace name"; elements of extensions have another namespace, and are passed over
+        # names are "namespace name"; elements of extensions have other namespaces, and are ignored
         parser = expat.ParserCreate(namespace_separator=" ")
         parser.buffer_text = True
         parser.StartElementHandler = self._start
@@ -82,7 +82,7 @@ class _Model:
         raise SpecError("SURFACE declares XML entities, which no 3MF needs; export it again")
 
     def _start(self, tag: str, values: dict[str, str]) -> None:
-        if self._of is None:  # the root: its namespace is that of all elements that count
+        if self._of is None:  # the root, whose namespace is that of all relevant elements
             space = tag.partition(" ")[0] + " " if " " in tag else ""
             unit = values.get("unit", "millimeter")
             if unit not in _UNITS_MM:
@@ -102,7 +102,7 @@ class _Model:
         self._now.has_mesh = True
 
     def _vertex(self, values: dict[str, str]) -> None:
-        # into an array of doubles: 24 bytes a vertex, where a list of floats takes four times as much
+        # an array of doubles takes 24 bytes per vertex, a quarter of a list of floats
         self._now.points.extend((float(values["x"]), float(values["y"]), float(values["z"])))
         self._count()
 
@@ -112,7 +112,7 @@ class _Model:
 
     def _count(self) -> None:
         self.read += 1
-        # counted while reading, before the arrays grow; `_arrays` counts again, as an object may be placed many times
+        # checked while reading, before the arrays grow; checked again later, as an object may be placed many times
         if self.read > _MOST_VERTICES + MOST_FACES:
             raise SpecError(f"SURFACE has more than {MOST_FACES} triangles; give a coarser mesh")
 
@@ -129,7 +129,7 @@ class _Model:
             self._add(item, np.eye(3), np.zeros(3), vertices, faces, 0)
         if not vertices:
             return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-        # triangles count vertices from the first one of their own object
+        # indices of triangles are relative to their object
         first = np.cumsum([0, *(len(v) for v in vertices[:-1])])
         return np.vstack(vertices) * self.unit_mm, np.vstack([f + i for f, i in zip(faces, first, strict=True)])
 
@@ -159,7 +159,7 @@ class _Model:
                 raise SpecError(f"SURFACE places an object of type {target.kind[:40]!r}, which is no solid; export the part")
             points, triangles = self._arrays(target)
             vertices.append(points @ turn + move)
-            # a mirror image turns every triangle over
+            # a reflection reverses every triangle
             faces.append(triangles if np.linalg.det(turn) > 0 else triangles[:, ::-1])
         for component in target.components:
             self._add(component, turn, move, vertices, faces, depth + 1)
