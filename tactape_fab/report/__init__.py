@@ -1,4 +1,4 @@
-"""The report of a kit or a panel: one HTML file that shows what was written, without a network."""
+"""The report of a kit or a panel: one self-contained HTML file that shows the written files."""
 
 from tactape_fab.report.page import REPORT_NAME, Written, render_report
 from tactape_fab.report.panel_page import WrittenPanel, render_panel_report

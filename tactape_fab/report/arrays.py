@@ -1,4 +1,4 @@
-"""Arrays as the page's script takes them: little-endian bytes in base64."""
+"""Arrays for the page's script: little-endian bytes in base64."""
 
 from __future__ import annotations
 
@@ -18,6 +18,6 @@ def packed(values: npt.ArrayLike, kind: str) -> str:
 
 
 def packed_paths(paths: Sequence[FloatArray]) -> dict[str, Any]:
-    """Polygons or polylines, each of shape (k, 2), mm: all points in a row, and where in it each ends."""
+    """Polygons or polylines, each of shape (k, 2), mm: the concatenated points, and the index at which each ends."""
     points = np.concatenate([np.empty((0, 2)), *paths])
     return {"points": packed(points, "<f4"), "ends": packed(np.cumsum([len(path) for path in paths]), "<u4")}

@@ -1,4 +1,4 @@
-"""The bill of materials as a report lists it: rows that differ in their designators alone as one."""
+"""Summary of a bill of materials for a report: rows that differ only in their designators are joined."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from tactape_fab.kit.read.readback import csv_lines
 
 
 def bom_lines(data: bytes, manifest: Mapping[str, Any]) -> list[list[str]]:
-    """The head and a row for each kind of part.
+    """The header, and a row for each kind of part.
 
-    A file has at most 200 designators a row. Rows of one part are joined: designators in a row, quantities added.
+    A file has at most 200 designators per row. Rows of one part are joined: designators are concatenated, quantities added.
 
-    data: The file.
-    manifest: Its ``assembly`` names the format.
+    data: The bytes of the file.
+    manifest: Its ``assembly`` gives the format.
     """
     head, *rows = csv_lines(data.decode("utf-8-sig"))
     table = FORMATS[str(manifest["assembly"]["format"])].bom

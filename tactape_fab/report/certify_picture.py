@@ -1,4 +1,4 @@
-"""Certificates as pictures: a map of one tape's nearest windows, or the distances of every two of several tapes."""
+"""Pictures of certificates: a map of one tape's nearest windows, or a matrix of distances between several tapes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Colour = tuple[int, int, int]
 _SHADES = np.array(
     [(20, 10, 10), (110, 20, 90), (120, 55, 200), (90, 150, 250), (150, 215, 250), (240, 240, 240)], dtype=np.uint8
 )
-"""Colours of distances 0, 1, ... and `BEYOND`, BGR as in OpenCV: lighter is farther, also distinct in grey."""
+"""Colours of distances 0, 1, ... and `BEYOND`, BGR: lighter is farther, also distinct in grey."""
 _PAPER, _INK, _FAINT, _MARK = (255, 255, 255), (40, 40, 40), (215, 215, 215), (178, 114, 0)
 _MARGIN, _LINE, _FONT = 30, 22, 0.5
 _FIELD_PX, _LEAST_WIDTH_PX, _MOST_CELL_PX, _MATRIX_PX = 1240, 900, 24, 420
@@ -27,9 +27,9 @@ _NAMED = 24
 
 
 def draw_certified(result: Certified) -> Picture:
-    """Picture of certificates: for one tape a map for each window size, for several a matrix for each.
+    """Picture of certificates: for each window size a map of one tape, or a matrix of several.
 
-    Returns (height, width, 3): Blue first.
+    Returns (height, width, 3): BGR.
     """
     if len(result.certificates) == 1:
         certificate = result.certificates[0]
@@ -79,7 +79,7 @@ def _beside(panels: list[Picture]) -> Picture:
 
 
 def _sheet(title: str, body: Picture, key: str) -> Picture:
-    """Title, body, and the key of the shades."""
+    """Title, body, and the legend of the shades."""
     height = body.shape[0] + 2 * _MARGIN + 2 * _LINE + _LINE
     page = _blank(height, max(body.shape[1] + 2 * _MARGIN, _LEAST_WIDTH_PX))
     _text(page, title, _MARGIN, _MARGIN)
@@ -97,7 +97,7 @@ def _sheet(title: str, body: Picture, key: str) -> Picture:
 
 
 def _map(certificate: Certificate, size: Closest, cell: int) -> Picture:
-    """The tape, each window as a square at its middle; the first of the nearest pairs outlined and numbered alike."""
+    """Map of a tape with each window as a square at its middle; the first nearest pairs are outlined, with a number per pair."""
     tape = certificate.tape
     field = _field(tape, size.side, cell)
     if size.distance is None:
@@ -144,7 +144,7 @@ def _outline(field: Picture, corner: tuple[int, int], side_px: int) -> None:
 
 
 def _number(field: Picture, corner: tuple[int, int], side_px: int, label: str) -> None:
-    """Write a pair's number in or at a corner of its window, where it crosses no outline and no other number."""
+    """Write a pair's number in or at a corner of its window where it overlaps no outline and no other number."""
     import cv2
 
     width, height = _text_width(label), _LINE // 2 + 1
@@ -153,7 +153,7 @@ def _number(field: Picture, corner: tuple[int, int], side_px: int, label: str) -
 
     def is_free(place: tuple[int, int]) -> bool:
         left, bottom = place
-        # the mark's colour under the number would be an outline or another number
+        # the mark's colour at that place would be an outline or another number
         under = field[max(bottom - height, 0) : bottom + 1, left : left + width]
         return bottom >= height and bottom < len(field) and not (under == _MARK).all(axis=2).any()
 

@@ -1,4 +1,4 @@
-"""Layers of the map from the bottom up: shapes of the written layers in their colours (board frame, mm)."""
+"""Layers of the map from the bottom up: shapes of the written files with their colours (board frame, mm)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PASTE = "#aab2bd"
 ELEMENT = "#59616b"
 EDGE = "#6b4a12"
 CUT = ""
-"""Used as a colour: the shape is cut out of everything below it."""
+"""In place of a colour: the shape is cut out of everything below it."""
 
 TITLES: Mapping[str, str] = {
     "profile": "Film and outline",
@@ -54,7 +54,7 @@ Stamp = tuple[FloatArray, FloatArray | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shapes:
-    """One colour of one layer: outlines repeated at many places (None: at every part), polygons, lines of one width."""
+    """Shapes of one layer and colour: outlines repeated at places (None for every part), polygons, lines of one width."""
 
     layer: str
     fill: str | None = None
@@ -81,22 +81,22 @@ class Shapes:
 
 
 def layer_switches(shapes: Sequence[Shapes], titles: Mapping[str, str] = TITLES) -> list[dict[str, Any]]:
-    """Switches of the layers that some shapes are on, for the page's script."""
+    """Switches for the layers that have shapes, for the page's script."""
     layers = {shape.layer for shape in shapes}
     return [{"id": layer, "title": titles[layer], "shown": layer not in HIDDEN} for layer in TITLES if layer in layers]
 
 
 def film_shapes(files: Mapping[str, bytes], cpl: CplContent, colours: Mapping[str, Any]) -> Iterator[Shapes]:
-    """A film from its lowest layer up, as its Gerber files, drill file and CPL draw it.
+    """A film from its lowest layer up, from its Gerber files, drill file and CPL.
 
-    files: By role.
-    cpl: The CPL among them, already read.
-    colours: The manifest's ``fab``, with the names of coverlay and legend colour.
+    files: Bytes by role.
+    cpl: The content of the CPL.
+    colours: The manifest's ``fab``, with the colours of coverlay and legend.
     """
     outline, *slots = read_shapes(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[str(colours["coverlay_colour"])]
     openings, copper = read_shapes(files["coverlay-top"]), read_shapes(files["copper-top"])
-    # the adhesive, which sticks the tape to an object, is the lowest
+    # the adhesive, by which the tape sticks to an object, is the lowest layer
     for role in ("adhesive-bottom", "stiffener-bottom"):
         if role in files:
             areas = read_shapes(files[role]).areas_mm
@@ -123,7 +123,7 @@ def film_shapes(files: Mapping[str, bytes], cpl: CplContent, colours: Mapping[st
 
 
 def solid_shapes(tape: Tape) -> Iterator[Shapes]:
-    """A texture of solid elements: its base and the elements' feet, as the manifest has them."""
+    """A texture of solid elements: its base and the elements' feet, from the manifest."""
     board, part = tape.board, tape.part
     middle = np.array(board.size_mm) / 2
     outline = rounded_rectangle(board.size_mm, board.corner_radius_mm) + middle
@@ -140,15 +140,15 @@ def solid_shapes(tape: Tape) -> Iterator[Shapes]:
 
 
 def _lines(layer: str, colour: str, content: GerberShapes) -> Iterator[Shapes]:
-    """Lines of a layer, those of one width together."""
+    """Lines of a layer, grouped by width."""
     for width_mm in np.unique(content.stroke_width_mm).tolist():
         drawn = [content.strokes_mm[i] for i in np.flatnonzero(content.stroke_width_mm == width_mm)]
         yield Shapes(layer=layer, stroke=colour, stroke_mm=width_mm, lines=drawn)
 
 
 def _turned(outline: FloatArray, cpl: CplContent) -> Iterator[Stamp]:
-    """An outline at every part, turned as its row says."""
-    # one stamp for all parts where all lie alike: their places are then sent once
+    """An outline at every part, turned by the rotation in its CPL row."""
+    # one stamp if all parts have the same rotation, so that their places are sent once
     angles = np.unique(cpl.rotation_deg).tolist()
     for angle in angles:
         yield rotate(outline, angle), None if len(angles) == 1 else cpl.xy_mm[cpl.rotation_deg == angle]

@@ -1,4 +1,4 @@
-"""A written kit as one HTML page: the content of its files, drawn and listed, and its verification."""
+"""Report of a written kit as one HTML page: the content of its files as a map and lists, and its verification."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ PANEL_READ_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
     *("components-top", "cpl", "bom", "order-notes", "placement-preview"),
 )
-"""Roles of the files that the page of a panel is made from."""
+"""Roles of the files that the page of a panel needs."""
 READ_ROLES = (*PANEL_READ_ROLES, "certificate", "placements", "preview-png")
-"""The same of a kit's page."""
+"""Roles of the files that the page of a kit needs."""
 _SCRIPTS = ("arrays.js", "map.js", "parts.js", "window.js", "built.js", "solid.js", "begin.js")
 
 
@@ -35,10 +35,10 @@ _SCRIPTS = ("arrays.js", "map.js", "parts.js", "window.js", "built.js", "solid.j
 class Written:
     """A kit as it was written.
 
-    manifest: Its content; ``files`` lists all files but the report and the manifest itself.
-    files: By role: those of `READ_ROLES` that the kit has; of the component layer no more than its first part is needed.
+    manifest: Content of the manifest; ``files`` lists all files but the report and the manifest itself.
+    files: Bytes by role, of those `READ_ROLES` that the kit has; of the component layer only the first part is needed.
     stl: The mesh, if it has one.
-    checks: Lines of its verification; empty if it was not verified.
+    checks: Lines of the kit's verification; empty if it was not verified.
     findings: Its design rules, measured; empty without any.
     """
 
@@ -55,7 +55,7 @@ class Written:
 
 
 def render_report(kit: Written) -> Artifact:
-    """The report of a kit: the same bytes for the same kit; it holds neither date nor duration."""
+    """The report of a kit; it has no date or duration, so that equal kits give equal bytes."""
     data = page(
         "report.html.j2",
         _SCRIPTS,
@@ -77,7 +77,7 @@ def render_report(kit: Written) -> Artifact:
 
 
 def report_data(kit: Written) -> dict[str, Any]:
-    """Data for the page's script; arrays as `packed` gives them."""
+    """Data for the page's script; arrays are encoded by `packed`."""
     tape = kit.tape
     shapes, places = _drawn(kit)
     return {
@@ -100,7 +100,7 @@ def report_data(kit: Written) -> dict[str, Any]:
 
 
 def _drawn(kit: Written) -> tuple[list[Shapes], Places]:
-    """Everything on the map, and its parts."""
+    """The shapes on the map, and its parts."""
     tape, files = kit.tape, kit.files
     if not kit.is_film:
         from tactape_fab.solids.surface.placements import read_placements  # imported here: a film has none
@@ -113,13 +113,13 @@ def _drawn(kit: Written) -> tuple[list[Shapes], Places]:
 
 
 def _solid(kit: Written, places: Places) -> dict[str, Any] | None:
-    """The written mesh, and for a texture on a part of the user's where on it the texture is."""
+    """The written mesh, and for a texture on the user's own part its place on that."""
     if kit.stl is None:
         return None
     on_part = places.on_part
     if on_part is None:
         return solid_view(kit.stl)
-    # of the box of all elements, not of the mesh: the view opens on the texture
+    # the middle of all elements, not of the mesh, so that the view opens on the texture
     middle = (on_part.points_mm.min(axis=0) + on_part.points_mm.max(axis=0)) / 2
     view = solid_view(kit.stl, middle)
     reach = float(np.linalg.norm(on_part.points_mm - middle, axis=1).max()) + kit.tape.pitch_mm
@@ -128,18 +128,18 @@ def _solid(kit: Written, places: Places) -> dict[str, Any] | None:
 
 
 def reach_mm(manifest: Mapping[str, Any], tape: Tape) -> float:
-    """How far a part reaches from its middle, pads included."""
+    """Radius of a part about its middle, pads included, mm."""
     land = manifest.get("land_pattern")
     body = np.hypot(*tape.part.body_mm[:2]) / 2
     if not land:
         return float(body)
     pads = land["pads"]
-    # the corner of a land away from the part's middle
+    # to the outer corner of a land
     return float(max(body, np.hypot(pads["offset_mm"] + pads["size_mm"][0] / 2, pads["size_mm"][1] / 2)))
 
 
 def _picture(kit: Written) -> str | None:
-    """The preview of a solid texture, which shows the whole of it shaded; that of a film is a drawing, as the map is."""
+    """The shaded preview of a solid texture; none for a film, whose preview is a drawing like the map."""
     shown = not kit.is_film and "preview-png" in kit.files
     return embedded(kit.files["preview-png"]) if shown else None
 
@@ -162,7 +162,7 @@ def _facts(kit: Written) -> Iterator[tuple[str, str]]:
     yield "part", f"{tape.part.name}, {' x '.join(f'{v:g}' for v in tape.part.body_mm)} mm, turned by {tape.part.rotation_deg:g}°"
     if surface is None:
         yield ("fab" if kit.is_film else "process"), str(kit.manifest["fab"]["name"])
-    for finding in kit.findings:  # pictures show the front alone
+    for finding in kit.findings:  # pictures show only the front
         if finding.rule == "mark":
             yield "on its back", finding.message
     if surface is not None:

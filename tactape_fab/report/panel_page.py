@@ -1,4 +1,4 @@
-"""A written panel as one HTML page: its files on a map, its tapes with their own reports, and its verification."""
+"""Report of a written panel as one HTML page: a map of its files, links to its tapes' reports, and its verification."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _SCRIPTS = ("arrays.js", "map.js", "parts.js", "begin.js")
 class WrittenPanel:
     """A panel as it was written.
 
-    manifest: Its content; ``files`` lists all its own files but the report and the manifest itself.
+    manifest: Content of the manifest; ``files`` lists the panel's own files but the report and the manifest itself.
     tapes: In the order of the manifest's ``tapes``.
-    files: By role: those of `PANEL_READ_ROLES`.
-    checks: Lines of its own verification, not of the kits on it; empty where it was not verified.
-    findings: Its design rules, as the worst tape measures them.
+    files: Bytes by role, of `PANEL_READ_ROLES`.
+    checks: Lines of the panel's own verification, without those of its kits; empty if it was not verified.
+    findings: Its design rules, each with the value of the worst tape.
     """
 
     manifest: Mapping[str, Any]
@@ -43,7 +43,7 @@ class WrittenPanel:
 
 
 def render_panel_report(panel: WrittenPanel) -> Artifact:
-    """The report of a panel: the same bytes for the same panel; it holds neither date nor duration."""
+    """The report of a panel; it has no date or duration, so that equal panels give equal bytes."""
     manifest = panel.manifest
     data = page(
         "panel.html.j2",
@@ -63,7 +63,7 @@ def render_panel_report(panel: WrittenPanel) -> Artifact:
 
 
 def _data(panel: WrittenPanel) -> dict[str, Any]:
-    """Data for the page's script; arrays as `packed` gives them."""
+    """Data for the page's script; arrays are encoded by `packed`."""
     manifest, first = panel.manifest, panel.tapes[0]
     cpl = read_cpl(panel.files["cpl"])
     shapes = list(film_shapes(panel.files, cpl, manifest["fab"]))
@@ -86,13 +86,13 @@ def _data(panel: WrittenPanel) -> dict[str, Any]:
 
 
 def _places(panel: WrittenPanel, cpl: CplContent) -> Places:
-    """Parts of the panel's list, each with its grid point on its tape: nothing but the tapes' grids is used."""
+    """Parts of the panel's list, each with its grid point on its tape; of the tapes only the grids are used."""
     counts = [int(row["parts"]) for row in panel.manifest["tapes"]]
     ends = np.cumsum(counts)
     on_tapes = []
     for row, tape, end, count in zip(panel.manifest["tapes"], panel.tapes, ends, counts, strict=True):
         own = slice(end - count, end)
-        # the inverse of the place on the panel: moved back, then turned back
+        # the inverse of the place on the panel: translated, then rotated back
         on_board = rotate(cpl.xy_mm[own] - row["offset_mm"], -float(row["rotation_deg"]))
         on_tapes.append(measured_places(tape, cpl.designators[own], on_board, cpl.rotation_deg[own]))
     return Places(
@@ -130,5 +130,5 @@ def _tapes(manifest: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _turned(rotation_deg: float) -> str:
-    """How a tape lies on the panel; its own lower left corner is then another one of what it covers."""
+    """Text for the rotation of a tape on the panel."""
     return f", turned by {rotation_deg:g}° round it" if rotation_deg else ""

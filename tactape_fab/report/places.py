@@ -25,8 +25,8 @@ class Places:
     cells (n, 2): Column and row.
     symbols (n,)
     rotation_deg (n,): Counter-clockwise.
-    on_part: Place of each element on a user's own part, for a texture on one.
-    tapes (n,): On a panel, which of its tapes a part belongs to.
+    on_part: Place of each element on the user's own part, for a texture on one.
+    tapes (n,): On a panel, the index of each part's tape.
     """
 
     designators: Sequence[str]
@@ -51,17 +51,17 @@ class Places:
 
 
 def measured_places(tape: Tape, designators: Sequence[str], xy_mm: FloatArray, rotation_deg: FloatArray) -> Places:
-    """Parts from a list of places alone: only the tape's grid is used, none of its symbols."""
+    """Parts from a list of places; of the tape only the grid is used, not the symbols."""
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
-    # the nearest grid point: displacements are below half a pitch
+    # the nearest grid point, as displacements are below half a pitch
     cells = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
-    # the symbol whose unit displacement has the largest product with the part's own, so the least angle (paper, Eq. 10)
+    # the symbol whose unit displacement has the largest scalar product with the part's, so the least angle (paper, Eq. 10)
     symbols = ((texture_mm - cells * tape.pitch_mm) @ DIRECTIONS_XY[: tape.directions].T).argmax(axis=1).astype(np.uint8)
     return Places(designators=designators, xy_mm=xy_mm, cells=cells, symbols=symbols, rotation_deg=rotation_deg)
 
 
 def nominal_places(tape: Tape, on_part: Placed | None) -> Places:
-    """Elements where the tape has them, designators and grid points as a placements file lists them where there is one."""
+    """Elements at the tape's nominal places, or at those of a placements file, if there is one."""
     cells = tape.cells()
     return Places(
         designators=tape.designators() if on_part is None else on_part.designators,

@@ -1,4 +1,4 @@
-"""The solid as the page's shaded view takes it: triangles of the written STL, no more of them than are drawn at once."""
+"""The solid for the page's shaded view: triangles of the written STL, up to the number that is drawn at once."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _STEPS = 0xFFFF
 
 
 def solid_view(file: bytes | Path, centre_mm: npt.ArrayLike | None = None) -> dict[str, Any]:
-    """Triangles of an STL on a grid of 65,535 steps along each axis of their own extent.
+    """Triangles of an STL, quantised to 65,535 steps along each axis of their extent.
 
-    file: The STL; of a path, what is drawn and one corner of each triangle are in memory at most.
-    centre_mm (3,): What is shown of a larger mesh lies round this point; its upper middle where none is given.
+    file: The STL; with a path, only the drawn triangles and one corner of the others are in memory.
+    centre_mm (3,): Point around which a part of a larger mesh is shown; default: its upper middle.
     """
     with BytesIO(file) if isinstance(file, bytes) else file.open("rb") as stream:
         # first pass: one corner of each triangle, 12 of its 50 bytes; second pass: the chosen ones

@@ -1,4 +1,4 @@
-"""The report joins a kit or panel that is in its folder: made from the files there, and listed in the manifest."""
+"""Adding of the report to a written kit or panel: it is made from the files in the folder, and listed in the manifest."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from tactape_fab.texture.tape import Tape
 def add_report(
     folder: Path, content: Mapping[str, Any], tape: Tape, *, checks: Sequence[Check], findings: Sequence[Finding] = ()
 ) -> Artifact:
-    """Write the report of the kit in `folder`, and its manifest again.
+    """Write the report of the kit in `folder`, and rewrite its manifest with it.
 
-    content: What its manifest holds.
-    checks, findings: How it was verified, and which rules it keeps.
-    Returns: The report as it was written.
+    content: Content of its manifest.
+    checks, findings: Its verification, and its measured design rules.
+    Returns: The written report.
     """
     files = _read(folder, content, READ_ROLES)
     stl = next((folder / row["path"] for row in content["files"] if row["role"] == "stl"), None)
@@ -34,7 +34,7 @@ def add_report(
 def add_panel_report(
     folder: Path, content: Mapping[str, Any], tapes: Sequence[Tape], *, checks: Sequence[Check], findings: Sequence[Finding]
 ) -> Artifact:
-    """The same for the panel in `folder`, whose kits, of `tapes`, have their own."""
+    """As `add_report`, for the panel of `tapes` in `folder`; the reports of its kits exist already."""
     files = _read(folder, content, PANEL_READ_ROLES)
     report = render_panel_report(WrittenPanel(manifest=content, tapes=tapes, files=files, checks=checks, findings=findings))
     write_kit(folder, with_file(content, report), [report])
@@ -42,6 +42,6 @@ def add_panel_report(
 
 
 def _read(folder: Path, content: Mapping[str, Any], roles: Sequence[str]) -> dict[str, bytes]:
-    """Files of some roles; of the component layer, the largest of them, its first part."""
+    """Files of these roles; of the component layer, which is the largest, only the first part."""
     paths = {row["role"]: folder / row["path"] for row in content["files"] if row["role"] in roles}
     return {role: first_part(path) if role == "components-top" else path.read_bytes() for role, path in paths.items()}
