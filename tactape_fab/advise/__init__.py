@@ -1,4 +1,4 @@
-"""Advice on W, Δ and part for a contact and a sensor: designs within the rules, and the contacts that each can locate."""
+"""Advice on W, Δ and part for a contact and a sensor: legal designs, and the contacts that each can locate."""
 
 from tactape_fab.advise.answer import Advice, Line, advise, checked
 from tactape_fab.advise.question import Question, read_question

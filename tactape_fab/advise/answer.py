@@ -1,4 +1,4 @@
-"""advise: designs within the rules, the contacts that each locates, and their costs; the recommended one first."""
+"""The answer of `advise`: legal designs, the contacts that each locates, and their costs, with the recommended one first."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
 LOCATED = 0.9
-"""Fraction of contacts that a design is predicted to locate."""
+"""Fraction of contacts that a design has to locate, by the prediction."""
 MOST_LINES, MOST_REACHING = 8, 5
 SIMULATED_LINES, FRAMES = 3, 60
 _SEED = 3
 _BLOCK = 30
-"""Simulated contacts that one worker does at a time: its registry costs about as much as half of them."""
+"""Simulated contacts per task of a worker, whose preparation costs as much as about half of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """Simulated contacts of the predicted size: their number, how many were located, and median errors (None if none was)."""
+    """Simulated contacts of the predicted size: their number, number located, and median errors (None if none was)."""
 
     contact_mm: float
     frames: int
@@ -46,11 +46,11 @@ class Simulated:
 class Line:
     """A design, and its predicted performance.
 
-    least_mm: Diameter of the smallest round contact of which 9 in 10 are located; None if none within the sensor's field is.
+    least_mm: Diameter of the smallest round contact of which 9 in 10 are located; None if none in the sensor's field is.
     error_um, angle_deg: Median errors of contacts of the requested size, or of `least_mm` if that is larger.
-    parts: Parts of one tape.
-    once, each: Estimated assembly cost, for an order and for each tape; None without assembly.
-    height_um, noise_um: Height of a dot, and rms of the noise about it, after the decoder's smoothing.
+    parts: Number of parts of one tape.
+    once, each: Estimated assembly cost per order and per tape; None without assembly.
+    height_um, noise_um: Height of a dot, and rms of the noise around it, after the decoder's smoothing.
     """
 
     design: Design
@@ -95,7 +95,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """Lines, the recommended one first, and whether it reaches the requested contact."""
+    """Lines, of which the recommended one is first, and whether it reaches the requested contact."""
 
     question: Question
     lines: tuple[Line, ...]
@@ -124,7 +124,7 @@ class Advice:
 
 
 def advise(question: Question) -> Advice:
-    """Find the designs within the rules, and the contacts that each locates by the model.
+    """Find the legal designs, and the contacts that each locates by the model.
 
     Raises SpecError if no design gives a tape of the requested size.
     """
@@ -133,9 +133,9 @@ def advise(question: Question) -> Advice:
         found: Iterable[Design] = [replace(d, fab=question.profile) for d in (usual_design(making), *film_designs(making))]
     else:
         found = solid_designs(making)
-    # rules measure a tape of each design, which takes longest: equal designs once, in the order in which they are preferred
+    # measuring the rules on a tape of each design takes longest, so equal designs are measured once, in order of preference
     legal = {design: None for tried in dict.fromkeys(found) if (design := judged(tried)) is not None}
-    # no code of eight directions has so many points as a large tape
+    # codes of eight directions do not have enough points for a large tape
     coded = [design for design in legal if codes_for(design, question, seen_of(design, question))]
     lines = _best([_line(design, question) for design in coded], question)
     kept: list[Line] = []
@@ -156,14 +156,14 @@ def advise(question: Question) -> Advice:
 
 
 def seen_of(design: Design, question: Question, points: int | None = None) -> Seen:
-    """The design as seen by the sensor of a question; `points` are by default those of a field without margins."""
+    """The design as seen by the question's sensor; `points` is by default that of a field without margins."""
     width_mm, height_mm = question.size_mm
     return Seen(
         pitch_mm=design.pitch_mm,
         displacement_mm=design.displacement_mm,
         shape=design.shape,
         body_mm=design.body_mm,
-        # margins take some away: a bound of few more places, and no tape has to be planned for it
+        # an upper bound without margins, for which no tape has to be planned
         points=max(int(width_mm * height_mm / design.pitch_mm**2), 1) if points is None else points,
         tapes=question.tapes,
         sensor=question.sensor,
@@ -174,7 +174,7 @@ def seen_of(design: Design, question: Question, points: int | None = None) -> Se
 
 
 def _line(design: Design, question: Question) -> Line:
-    """Prediction for a design; until `_counted`, parts are those of a field without margins, and there is no cost."""
+    """Prediction for a design; before `_counted`, parts are those of a field without margins, and costs are missing."""
     seen = seen_of(design, question)
     codes = codes_for(design, question, seen)
     code, least_mm = _code_for(seen, question.contact_mm, question.field_mm, codes)
@@ -196,7 +196,7 @@ def _line(design: Design, question: Question) -> Line:
 
 
 def codes_for(design: Design, question: Question, seen: Seen) -> list[Code]:
-    """The codes that have so many directions, points, and columns, of which margins may leave fewer."""
+    """The codes that have the design's number of directions, and enough points and columns for a field without margins."""
     longest = max(question.size_mm) / design.pitch_mm
     return [
         code
@@ -207,7 +207,7 @@ def codes_for(design: Design, question: Question, seen: Seen) -> list[Code]:
 
 
 def contacts_by_code(line: Line, question: Question) -> list[dict[str, Any]]:
-    """Of each code that a line's tape could have: the smallest contact with the manifest, and by the code alone."""
+    """For each code that a line's tape could have: the smallest contact located with the manifest, and with the code only."""
     seen, field_mm = seen_of(line.design, question, line.parts), question.field_mm
     found = []
     for code in codes_for(line.design, question, seen):
@@ -220,10 +220,10 @@ def contacts_by_code(line: Line, question: Question) -> list[dict[str, Any]]:
 
 
 def _code_for(seen: Seen, contact_mm: float, field_mm: float, codes: Sequence[Code]) -> tuple[Code, float | None]:
-    """The first code by which the design locates the contact, else that by which it locates the smallest; and that contact."""
+    """The first code with which the design locates the contact, else that which locates the smallest; and its least contact."""
     best, least_mm = codes[0], None
     for code in codes:
-        # dots say the same in every code: one whose places share no less with each other locates no smaller contact
+        # the evidence of dots is equal for all codes, so a code whose places are no less similar locates no smaller contact
         if code.axis > best.axis or (code is not best and code.axis == best.axis):
             continue
         found_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
@@ -235,9 +235,8 @@ def _code_for(seen: Seen, contact_mm: float, field_mm: float, codes: Sequence[Co
 
 
 def _best(lines: Sequence[Line], question: Question) -> list[Line]:
-    """Lines that no other beats in all of contact, warnings, directions, parts and coverlay, the one that the fab prefers; those
-    that reach the contact first, the least warned of, of four directions and the least parts before others, then those that come
-    nearest.
+    """Pareto-optimal lines by contact, warnings, directions, parts, and the fab's preference of coverlay. Those that reach the
+    contact come first, ordered by fewest warnings, four directions, and fewest parts; then those that are nearest to it.
     """
     making, contact_mm = question.making, question.contact_mm
     modes = list(making.coverlay_modes) if isinstance(making, FabProfile) else []
@@ -249,7 +248,7 @@ def _best(lines: Sequence[Line], question: Question) -> list[Line]:
 
     def beaten(line: Line) -> bool:
         mine = figures(line)
-        # Pareto: no worse in anything, and other in something
+        # Pareto: no worse in any figure, and different in at least one
         return any(figures(o) != mine and all(a <= b for a, b in zip(figures(o), mine, strict=True)) for o in lines)
 
     def order(line: Line) -> tuple[float, ...]:
@@ -262,13 +261,13 @@ def _best(lines: Sequence[Line], question: Question) -> list[Line]:
 
 
 def _first(line: Line, question: Question) -> list[Line]:
-    """The recommended line, if the rules allow the very tape that its command makes."""
+    """The line as the recommended one, if the tape that its command makes is legal; else empty."""
     broken = rules_of(line.design, question.size_mm)
     return [] if broken is not None and any(f.blocks for f in broken) else [_counted(line, question)]
 
 
 def _counted(line: Line, question: Question) -> Line:
-    """The line with the parts of a tape of the requested size, and their cost."""
+    """The line with the number of parts of a tape of the requested size, and their cost."""
     spec, making = line.design.spec(question.size_mm), question.making
     parts = profiles_of(spec).plan(spec).part_count
     if not isinstance(making, FabProfile):
@@ -278,13 +277,13 @@ def _counted(line: Line, question: Question) -> Line:
 
 
 def tape_of(line: Line, question: Question, sector: int) -> Tape:
-    """A tape as made by the line's command with another sector: origin, name and tag are that sector's own."""
+    """The tape made by the line's command with this sector, and with the sector's origin, name and tag."""
     spec = line.design.spec(question.size_mm, sector=sector, code=line.code.name, directions=line.design.directions)
     return profiles_of(spec).plan(spec)
 
 
 def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None, workers: Workers = 1) -> Advice:
-    """The advice with its first lines tested by simulated contacts of each one's predicted size."""
+    """The advice, with its first lines tested by simulated contacts of the size predicted for each."""
     lines = list(advice.lines)
     asked = [k for k, line in enumerate(lines[:SIMULATED_LINES]) if line.least_mm is not None]
     for done, k in enumerate(asked):
@@ -300,12 +299,12 @@ def simulated(
     progress: Callable[[int, int], None] = lambda *_: None,
     workers: Workers = 1,
 ) -> Simulated:
-    """Locate contacts of the predicted size on a tape of the line, as depth maps, among the requested number of tapes.
+    """Locate simulated depth maps of contacts of the predicted size on a tape of the line, among the requested number of tapes.
 
-    ``progress`` is called with the number of contacts that were located or refused so far, 0 at first, and their number.
+    ``progress`` is called with the number of contacts done so far, 0 at first, and the total.
     """
     progress(0, frames)
-    # spread over the sectors that every code has; 37 is odd, so that the first 256 are all different
+    # spread over the sectors that every code has; 37 is coprime to 256, so they are all different
     tapes = [tape_of(line, question, (7 + 37 * k) % 256) for k in range(min(question.tapes, 256))]
     blocks = [range(first, min(first + _BLOCK, frames)) for first in range(0, frames, _BLOCK)]
     errors: list[tuple[float, float] | None] = []
@@ -327,9 +326,9 @@ def simulated(
 def _located(
     tapes: Sequence[Tape], line: Line, question: Question, frames: int, block: Sequence[int]
 ) -> list[tuple[float, float] | None]:
-    """Errors, mm and degrees, of some contacts with the first tape among all; None for those that are refused.
+    """Errors (mm, degrees) of a block of contacts with the first tape; None for those that are refused.
 
-    A contact's lots depend on its number alone.
+    The random numbers of a contact depend only on its index.
     """
     from tactape_fab.sense.decode.localizer import Localizer
     from tactape_fab.sense.simulation.draw import frame_at

@@ -1,6 +1,6 @@
-"""Candidate designs: for each part the smallest legal pitches, for several ratios of Δ to the pitch.
+"""Candidate designs: the smallest legal pitches of each part, for several ratios of Δ to W.
 
-Closed forms give the least legal pitch; the rules themselves then measure a small tape of it, and decide.
+Closed forms give the least legal pitch; then the rules are measured on a small tape of it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT
 
 FILM = "fpc"
 SHARES = (0.14, 1.0 / PITCH_PER_DISPLACEMENT, 0.2)
-"""Δ as fractions of W; for eight directions, which are nearer to each other, without the first."""
+"""Δ as fractions of W; the first is not used for eight directions, whose places are nearer to each other."""
 FILM_PARTS = ("r0201", "r01005")
 ELEMENTS = (
     ("block", (0.6, 0.3, 0.23)),
@@ -43,20 +43,20 @@ ELEMENTS = (
     ("dome", (0.6, 0.6, 0.23)),
     ("dome", (0.4, 0.4, 0.18)),
 )
-"""Parts that are tried, and sizes of the solid ones, mm."""
+"""Solid elements that are tried, besides `FILM_PARTS`, with their sizes, mm."""
 _STEP_MM = 0.01
 _TRIES = 4
 _SECANTS = 6
 _BOARD_MM, _BOARD_PITCHES, _EDGE_MM = 15.0, 8.0, 1.0
-"""Sides of the small tape that is measured: every pair of symbols is adjacent somewhere on it, so far within the outline."""
+"""Size of the small tape on which rules are measured, in which every pair of symbols is adjacent somewhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """A design: W, Δ, part, and coverlay opening; ``warnings`` are the rules that warn of it.
+    """A design: W, Δ, part, and coverlay mode; ``warnings`` are the rules that give warnings.
 
-    ``coverlay`` and ``fab`` are None for solid elements, ``process`` for parts with lands, ``body_mm`` if it is the profile's.
-    Eight directions are advised only for solid elements.
+    ``coverlay`` and ``fab`` are None for solid elements, ``process`` is None for parts with lands, ``body_mm`` if it is the
+    profile's. Eight directions are proposed only for solid elements.
     """
 
     part: str
@@ -76,7 +76,7 @@ class Design:
         return DIRECTIONS[self.directions]
 
     def spec(self, size_mm: tuple[float, float], **more: object) -> TapeSpec:
-        """Spec of a tape of the design, by default with four directions: designing the code of eight takes seconds."""
+        """Spec of a tape of the design, by default with four directions, as designing a tape of eight takes seconds."""
         values: dict[str, object] = {"part": self.part, "pitch_mm": self.pitch_mm, "displacement_mm": self.displacement_mm}
         if self.fab is not None:
             values |= {"fab": self.fab, "coverlay": self.coverlay, "anchor": self.anchor}
@@ -100,7 +100,7 @@ class Design:
 
 
 def film_designs(fab: FabProfile) -> Iterator[Design]:
-    """Designs of parts with lands: the smallest within the fab's blocking limits, and those without a warning."""
+    """Designs of parts with lands: the smallest that the fab does not refuse, and the smallest without a warning."""
     parts = [part for part in map(read_part, FILM_PARTS) if isinstance(part, PartProfile)]
     for part, mode, share, careful in product(parts, fab.coverlay_modes, SHARES, (True, False)):
         pitch_mm = settled(partial(film_pitch_mm, fab.in_mode(mode), part, careful), share)
@@ -114,7 +114,7 @@ def usual_design(fab: FabProfile) -> Design:
 
 
 def solid_designs(process: ProcessProfile) -> Iterator[Design]:
-    """Designs of solid elements, with and without warnings of the process."""
+    """Designs of solid elements: the smallest that the process does not refuse, and the smallest without a warning."""
     parts = {name: part for name, _ in ELEMENTS if isinstance(part := read_part(name), ElementProfile)}
     shares = [(4, share) for share in SHARES] + [(8, share) for share in SHARES[1:]]
     for (name, body_mm), (directions, share), careful in product(ELEMENTS, shares, (True, False)):
@@ -129,8 +129,8 @@ def _design(part: PartProfile | ElementProfile, pitch_mm: float, share: float) -
 
 
 def settled(least: Callable[[float], float], share: float) -> float:
-    """Least pitch at which a displacement of that fraction of it is legal, in whole hundredths of a millimetre."""
-    # the least pitch is piecewise linear in Δ: two secant steps and one more
+    """Least pitch, in whole hundredths of a millimetre, that is legal with a displacement of the fraction `share` of it."""
+    # the least pitch is piecewise linear in Δ, so the secant method converges in a few steps
     low, high = 1.0, 1.5
     at_low, at_high = (least(share * pitch_mm + _STEP_MM / 2.0) - pitch_mm for pitch_mm in (low, high))  # Δ is rounded
     # secant rule for the root of least(share W) - W
@@ -139,19 +139,19 @@ def settled(least: Callable[[float], float], share: float) -> float:
             break
         low, high, at_low = high, high - at_high * (high - low) / (at_high - at_low), at_high
         at_high = least(share * high + _STEP_MM / 2.0) - high
-    # rounded before it is rounded up, or 1.17 that came out as 117.0000001 steps would be 1.18
+    # rounded before ceil, so that 117.0000001 steps give 1.17, not 1.18
     return round(ceil(round(high / _STEP_MM, 4)) * _STEP_MM, 2)
 
 
 def _gap_mm(limit: Limit, careful: bool) -> float:
-    """The gap, mm, that a limit asks for: without a warning if careful, else so that it does not block."""
+    """The gap, mm, at which a limit does not block or, if `careful`, does not warn either."""
     if careful:
         return max(limit.value_mm, limit.warn_mm or 0.0)
     return limit.value_mm if limit.level == "block" else 0.0
 
 
 def film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacement_mm: float) -> float:
-    """Least pitch, mm, at which pads, bodies, openings and models are apart; courtyards where they block, or if careful."""
+    """Least pitch, mm, that meets the gaps of pads, bodies, openings and models; of courtyards if they block, or if `careful`."""
     gaps_mm = {rule: _gap_mm(fab.limits[rule], careful) for rule in ("body-body", "pad-pad")}
     if careful or fab.limits["courtyard"].level == "block":
         gaps_mm["courtyard"] = _gap_mm(fab.limits["courtyard"], careful)
@@ -168,10 +168,10 @@ def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displa
 
 
 def judged(design: Design, *, widen: bool = True) -> Design | None:
-    """The design after the rules: slightly wider if they require it, with their warnings; None if they refuse it."""
+    """The design with the warnings of the rules, with a slightly larger W if they require it; None if they refuse it."""
     limits = {} if design.fab is None else load_fab(design.fab).limits
     beyond_mm = max([0.0, *(limits[rule].value_mm - _EDGE_MM for rule in ("pad-edge", "body-edge", "opening-edge") if limits)])
-    # rounding of W and of Δ may leave the closed form's pitch short by a hundredth
+    # rounding of W and Δ may make the closed form's pitch too small by a hundredth
     for step in range(_TRIES if widen else 1):
         wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2)) if step else design
         side_mm = max(_BOARD_MM, _BOARD_PITCHES * wider.pitch_mm) + 2.0 * beyond_mm
@@ -179,7 +179,7 @@ def judged(design: Design, *, widen: bool = True) -> Design | None:
         if broken is not None and not any(finding.blocks for finding in broken):
             return replace(wider, warnings=tuple(sorted(f.rule for f in broken if f.level == "warn")))
         if broken is not None and any(finding.blocks and finding.rule == "opening-size" for finding in broken):
-            return None  # at any W
+            return None  # a larger W does not help
     return None
 
 
@@ -195,7 +195,7 @@ def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | No
 
 
 def _gap_of_eight(design: Design, process: ProcessProfile) -> Finding:
-    """Rule of the least gap between two blocks: all else about a tape is as with four directions."""
+    """Finding of the least gap between two blocks, the only rule that differs from four directions."""
     gap_mm = worst_box_gap_mm(
         design.body_mm[:2], DEFAULT_ROTATION_DEG, design.pitch_mm, design.displacement_mm, design.directions
     )
@@ -203,4 +203,4 @@ def _gap_of_eight(design: Design, process: ProcessProfile) -> Finding:
 
 
 _OF_ANY_TAPE = ("size", "windows", "part-count", "label", "assembly-size")
-"""Rules about a board or an order, not about W, Δ and part."""
+"""Rules about a board or an order, which do not depend on W, Δ and part."""

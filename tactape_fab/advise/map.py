@@ -1,4 +1,4 @@
-"""advise --map: the smallest contact that each code locates, for each part and pitch that the rules leave, and its cost."""
+"""advise --map: the smallest contact that each code locates, and the cost, for each legal part and pitch."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _SIDE_MM, _SIDE_PITCHES = 15.0, 8.0
 class MapPoint:
     """A part at a pitch.
 
-    least_mm: By code, the smallest contact of which 9 in 10 are located, mm, with the best Δ; None where none in the sensor's
-        field is. Empty where the rules refuse every Δ, or no tape of that size can be planned.
-    parts: Of one tape; 0 where there is none.
-    once, each: Estimated assembly cost, for an order and for each tape; None where it is not known.
+    least_mm: By code, the smallest contact of which 9 in 10 are located, mm, with the best Δ; None if none in the sensor's
+        field is. Empty if the rules refuse every Δ, or no tape of that size can be planned.
+    parts: Number of parts of one tape; 0 without a tape.
+    once, each: Estimated assembly cost per order and per tape; None if not known.
     """
 
     part: str
@@ -44,7 +44,7 @@ class MapPoint:
     each: float | None = None
 
     def to_mapping(self) -> dict[str, Any]:
-        """As an entry of ``map`` in the JSON of advise."""
+        """An entry of ``map`` in the JSON of advise."""
         return {
             "part": self.part,
             "body_mm": list(self.body_mm),
@@ -59,7 +59,7 @@ class MapPoint:
 def map_of(
     question: Question, workers: Workers = 1, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> tuple[MapPoint, ...]:
-    """Every part that is tried, at every pitch; parts in turn, pitches ascending.
+    """The map's points: for each part every pitch, ascending.
 
     workers: Number of processes, or the address of a Dask scheduler.
     progress: Called with a text, the number of points done and their total.
@@ -85,7 +85,7 @@ def _point(question: Question, at: tuple[tuple[str, tuple[float, float, float]],
     spec = legal[0].spec(question.size_mm)
     try:
         count = profiles_of(spec).plan(spec).part_count
-    except SpecError:  # as for lines: the size has room for tapes of other pitches
+    except SpecError:  # as for lines: tapes of other pitches may fit in that size
         return empty
     least: dict[str, float | None] = {}
     seen = [seen_of(design, question, count) for design in legal]
@@ -100,14 +100,14 @@ def _point(question: Question, at: tuple[tuple[str, tuple[float, float, float]],
 
 
 def _legal(question: Question, part: str, body_mm: tuple[float, float, float], pitch_mm: float, share: float) -> Design | None:
-    """The design with that Δ, in the first way to open the coverlay that no rule refuses; None if there is none."""
+    """The design with that Δ, in the first legal coverlay mode; None if there is none."""
     making, profile = question.making, read_part(part)
     design = Design(
         part=part,
         shape=profile.shape,
         body_mm=body_mm,
         pitch_mm=pitch_mm,
-        # half a hundredth goes up; `round` would take it to the even one
+        # rounds half up; `round` would round half to even
         displacement_mm=round(float(np.floor(100.0 * share * pitch_mm + 0.5)) / 100.0, 2),
     )
     if isinstance(making, FabProfile):

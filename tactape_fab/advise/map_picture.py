@@ -1,4 +1,4 @@
-"""The map of `advise --map` as SVG: a panel for each part, in it the smallest contact over the pitch, a curve for each code."""
+"""The map of `advise --map` as SVG: for each part a panel with the smallest contact over the pitch, and a curve per code."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from tactape_fab.advise.answer import LOCATED, Advice
 from tactape_fab.advise.map import MapPoint
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8a6d00", "#56b4e9", "#000000")
-"""Of Okabe and Ito: told apart by colour-blind readers, too."""
+"""Colours by Okabe and Ito, which colour-blind readers can distinguish as well."""
 _PANEL, _MARGIN, _LEFT, _TOP = (400, 250), 34, 62, 86
 _TICKS_MM = 0.2
 TITLE = "Smallest round contact of which"
-"""The first words of a map, by which it is known."""
+"""Beginning of a map's title, by which a file is recognised as one."""
 _INK, _PALE, _REFUSED = "#222222", "#e3e3e3", "#f1efe9"
 
 
 def draw_map(advice: Advice, points: Sequence[MapPoint]) -> bytes:
-    """The picture, two panels side by side; the recommended design is a ring in its part's panel."""
+    """The picture, with two panels side by side, and a ring at the recommended design."""
     parts = [list(group) for _, group in groupby(points, key=lambda p: (p.part, p.body_mm))]
     across, (width, height) = min(2, len(parts)), _PANEL
     below = 82 if any(p.each is not None for p in points) else 46
@@ -28,7 +28,7 @@ def draw_map(advice: Advice, points: Sequence[MapPoint]) -> bytes:
     whole = (across * step_x, _TOP + ceil(len(parts) / across) * step_y + 16)
     sizes = [size for p in points for size in p.least_mm.values() if size is not None]
     low = float(int(min(sizes, default=2.0)))
-    # where all sizes are one whole number, the axis still has a length
+    # at least 1, even if all sizes are the same integer
     high = max(float(ceil(max(sizes, default=10.0))), low + 1.0)
     asked = advice.question
     registered = "1 registered tape" if asked.tapes == 1 else f"{asked.tapes} registered tapes"
@@ -62,7 +62,7 @@ def draw_map(advice: Advice, points: Sequence[MapPoint]) -> bytes:
 
 
 def _alike(points: Sequence[MapPoint]) -> list[tuple[str, ...]]:
-    """Codes in the order of the points; those whose curves are the same on every part are one."""
+    """Codes in the order of the points, grouped if their curves are equal for every part."""
     curves: dict[tuple[float | None, ...], list[str]] = {}
     for name in dict.fromkeys(name for p in points for name in p.least_mm):
         curves.setdefault(tuple(p.least_mm.get(name) for p in points), []).append(name)
@@ -123,7 +123,7 @@ def _panel(advice: Advice, points: Sequence[MapPoint], same: Sequence[tuple[str,
 def _curve(
     sizes: Sequence[tuple[float, float | None]], at: Callable[[float, float], tuple[float, float]], colour: str, width: float
 ) -> Iterator[str]:
-    """Pieces of a curve where there is a size."""
+    """The pieces of a curve for which sizes exist."""
     for there, group in groupby(sizes, key=lambda one: one[1] is not None):
         if there:
             places = [at(pitch_mm, size_mm) for pitch_mm, size_mm in group if size_mm is not None]

@@ -1,8 +1,8 @@
-"""The smallest contact that a design locates: the decoder's rule on random dots, without a frame being drawn.
+"""Model of the smallest contact that a design locates: the decoder's rule applied to random dots, without drawing frames.
 
-A dot is at its part's place, moved by noise and placement errors; its height is that of its imprint over the noise's. The
-evidence of a dot, and the evidence required of all dots, are the decoder's own rule (`sense.decode.rule`). `Loss` accounts for
-detection and the search for the grid; it is calibrated against simulated frames.
+A dot is at its part's place, displaced by noise and placement errors; its height is that of its imprint relative to the noise.
+The evidence of a dot, and the required evidence of all dots, are by the decoder's rule (`sense.decode.rule`). `Loss` accounts for
+detection and the search for the grid; it is calibrated with simulated frames.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from tactape_fab.texture.plane import Plane, PlaneCode
 
 _SCENE = Scene()
 BODY_MM = 0.23
-"""Height of an 0201, mm, which the default scene imprints."""
+"""Height of an 0201, mm, for which the default scene's imprint is defined."""
 IMPRINT_SHARE = _SCENE.texture_mm / BODY_MM
-"""Fraction of a body's height that the gel takes on before smoothing."""
+"""Fraction of a body's height that the gel is imprinted with, before smoothing."""
 ROLL_OFF_MM = _SCENE.roll_off_mm
 """Width of a contact's rim, mm."""
 CLEAN = 0.25
@@ -51,7 +51,7 @@ POSES = 240
 _LATTICE = 33
 _TOPS = 600
 _FIRST_PITCHES, _GROWTH = 4.5, 1.25
-"""First diameter of the search for the smallest contact, in pitches, and its growth: large contacts take long to evaluate."""
+"""First diameter of the search for the smallest contact, in pitches, and growth factor; large contacts are slow to evaluate."""
 _SEED = 11
 
 
@@ -59,8 +59,8 @@ _SEED = 11
 class Code:
     """A code: similarity of its places, and largest number of points of a tape.
 
-    A place of the same code may have all bits of one axis in common with the answer, so that the other axis alone tells them
-    apart. `axis` is ln of how many such places there are in effect; -inf for a code whose places share nothing.
+    A place of the same code may have all bits of one axis in common with the answer, so that only the other axis distinguishes
+    them. `axis` is ln of the effective number of such places; -inf for a code whose places share nothing.
     """
 
     name: str
@@ -75,20 +75,20 @@ CODES = (
     Code(name="trace-22", axis=-inf, most_points=get_code("trace-22").most_points),
     *(Code(name=name, axis=-inf, most_points=get_code(name).most_points) for name in ("touch-1", "touch-2")),
 )
-"""The codes that are advised on; the first that locates the contact is taken. `axis` is from faultless contacts of 11 to 25
+"""The codes that are proposed; the first that locates the contact is used. `axis` is from error-free contacts of 11 to 25
 dots."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loss:
-    """Loss of information in frames, relative to the random dots.
+    """Loss of information in frames, compared with the random dots.
 
     share: Fraction of the information that remains.
-    noise: Median height of the tops of noise over its rms.
-    clutter_um: Rms of what else has tops: rims, and the contact's own shape.
-    tops: Number of such tops per squared correlation length of the noise.
-    scatter: Fraction by which a contact must be larger per displacement of dot error beyond `CLEAN`, because grids are missed.
-    eight: Factor by which a contact must be larger for eight directions: a grid is fitted to dots at any of eight places.
+    noise: Median height of the noise's tops, relative to its rms.
+    clutter_um: Rms of other structures with tops: rims, and the contact's own shape.
+    tops: Number of the noise's tops per squared correlation length.
+    scatter: Fraction by which a contact must be larger per displacement of dot error beyond `CLEAN`, as grids are missed.
+    eight: Factor by which a contact must be larger with eight directions, as a grid is fitted to dots at any of eight places.
     """
 
     share: float
@@ -132,7 +132,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """Height of a dot and the noise about it.
+    """Height of a dot, and the noise around it.
 
     height_um: Height of its top over the background.
     noise_um, alike_mm: Rms of the noise about it, and its correlation length, after the decoder's filter.
@@ -147,16 +147,16 @@ class Signal:
 
 
 def signal_of(seen: Seen) -> Signal:
-    """Height of a top, rms of the noise about it, and its displacement by noise along one axis, after the decoder's smoothing.
+    """Height of a top, rms of the noise around it, and its displacement by noise along one axis, after the decoder's smoothing.
 
     The bump is the body smoothed by gel and decoder, less the mean over the pitch; a top moves by the noise's slope over the
     bump's curvature.
     """
     s_mm = hypot(seen.blur_mm, SMOOTHING_MM)
-    # Gaussians in a row are one of the summed variance
+    # consecutive Gaussian filters are one with the sum of the variances
     peak, curvature, area_mm2 = _bump(seen, s_mm)
     high_um = 1000.0 * IMPRINT_SHARE * seen.body_mm[2]
-    # the background that the detector takes away is the mean of the smoothed relief: a body's volume over a cell's area, W^2
+    # the detector subtracts the mean of the smoothed relief: a body's volume over a cell's area, W^2
     height_um = high_um * (peak - min(area_mm2 / seen.pitch_mm**2, 1.0))
     noise_um, alike_mm, slope_um_mm = noise_of(seen.sensor)
     # the top is where the slope is zero: - curvature x + noise's slope = 0
@@ -171,9 +171,9 @@ def signal_of(seen: Seen) -> Signal:
 
 
 def _pull_mm(seen: Seen, s_mm: float) -> float:
-    """Standard deviation, along one axis, of a top's pull towards its two neighbours; all bumps as Gaussians.
+    """Standard deviation, along one axis, of a top's displacement towards its two neighbours; bumps are taken as Gaussians.
 
-    All pairs of symbols change the distance along the axis by so many displacements.
+    It is taken over all pairs of symbols, which change the distance of the neighbours.
     """
     # a box of side a has the variance a^2 / 12, and the mean of both axes is taken
     width2_mm2 = s_mm**2 + (seen.body_mm[0] ** 2 + seen.body_mm[1] ** 2) / 24.0
@@ -183,19 +183,19 @@ def _pull_mm(seen: Seen, s_mm: float) -> float:
     # a Gaussian of width s at distance d has the slope d / s^2 exp(-d^2 / 2 s^2) at the top, whose own curvature is 1 / s^2
     drawn_mm = apart_mm * np.exp(-(apart_mm**2) / (2.0 * width2_mm2))
     mean_mm = float(pairs @ drawn_mm)
-    # neighbours on either side pull against each other, so that the means cancel and the variances add
+    # neighbours on both sides pull in opposite directions, so that means cancel and variances add
     return sqrt(2.0 * float(pairs @ (drawn_mm - mean_mm) ** 2))
 
 
 def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
-    """Height of a smoothed body of height 1, its curvature (1/mm², rms of what both axes have), and its volume (mm²)."""
+    """Height of a smoothed body of height 1, its effective curvature over both axes (1/mm²), and its volume (mm²)."""
     if seen.shape == "block":
         lengths = seen.body_mm[:2]
-        # a box of side a smoothed along one axis has the height Phi(a / 2 s) - Phi(-a / 2 s) in its middle, where it bends by - a
-        # exp(-a^2 / 8 s^2) / (sqrt(2 pi) s^3)
+        # a box of side a smoothed along one axis has the height Phi(a / 2 s) - Phi(-a / 2 s) at its middle, and the second
+        # derivative - a exp(-a^2 / 8 s^2) / (sqrt(2 pi) s^3)
         along, across = (erf(side / (2.0 * sqrt(2.0) * s_mm)) for side in lengths)
         bend = [side / (sqrt(2.0 * pi) * s_mm**3) * exp(-(side**2) / (8.0 * s_mm**2)) for side in lengths]
-        # a top moves by slope over curvature, so the mean square of both axes' inverse is what counts
+        # a top moves by slope over curvature, so the mean square of the inverse curvatures matters
         first, second = 1.0 / max(bend[0] * across, 1e-9), 1.0 / max(bend[1] * along, 1e-9)
         return along * across, 1.0 / sqrt((first**2 + second**2) / 2.0), lengths[0] * lengths[1]
     radius, high = seen.body_mm[0] / 2.0, seen.body_mm[2]
@@ -212,14 +212,14 @@ def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
 
 
 def _around(directions: int) -> FloatArray:
-    """Directions in their order round a grid point; shape (directions, 2)."""
+    """Unit displacements in clockwise order from E; shape (directions, 2)."""
     of = DIRECTIONS[directions]
     return of.xy[of.clockwise]
 
 
 @lru_cache(maxsize=2)
 def _drawn(directions: int) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Draws that all designs share.
+    """Random draws that all designs share.
 
     Symbols (p, k), phases (p, 1, 2), directions (p, k, 2), unit errors (p, k, 2), and tops of noise (m, 4): of these the places
     in a cell, the heights over their median, and a symbol.
@@ -243,12 +243,12 @@ def _nodes() -> FloatArray:
 
 
 def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss, plane: Plane | None = None) -> float:
-    """Fraction of round contacts of a diameter, anywhere on the tape, that are located: p_tape + p_place as in `rule`.
+    """Fraction of round contacts of a diameter, anywhere on the tape, that are located, by p_tape + p_place as in `rule`.
 
-    With a plane no tape is known, and all its places in all sectors are compared.
+    With `plane`, no tape is registered, and all places of the plane in all sectors are compared.
     """
     gain, per_axis, dots, turn = _information(seen, contact_mm, loss)
-    # 1 / (w E): places of even weight, four turns of each, on the best grid
+    # 1 / (w E): places of equal weight, in four turns each, on the best grid
     ln_places, axis = log(4.0 * seen.points * seen.tapes), code.axis
     if plane is not None:
         ln_places, turn = log(4.0 * plane.range**2 * plane.sectors), np.zeros_like(turn)
@@ -263,17 +263,17 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     """Evidence of each pose's dots in nats: total (p,), by axis (p, 2), number of dots (p,), and by shape for the turn (p,)."""
     symbols, phases, directions, errors, _ = _drawn(seen.directions)
     pitch, shift, signal = seen.pitch_mm, seen.displacement_mm / seen.pitch_mm, signal_of(seen)
-    # nodes whose part can be in the contact: its displacement and half a cell's diagonal (0.71) nearer, in pitches
+    # nodes whose part can be in the contact, nearer by its displacement and half a cell's diagonal (0.71), in pitches
     reach = (contact_mm + ROLL_OFF_MM) / 2.0 / pitch + shift + 0.8
     count = int(np.count_nonzero(np.hypot(*_nodes().T) < reach))
-    # places from the contact's middle, which lies anywhere in its cell; in pitches
+    # places relative to the contact's middle, which is anywhere in its cell; in pitches
     at = _nodes()[:count] + shift * directions[:, :count] - phases
     inside = contact_mm / 2.0 - pitch * np.hypot(at[..., 0], at[..., 1])
     t = np.clip(0.5 + inside / ROLL_OFF_MM, 0.0, 1.0)
     weight = t * t * (3.0 - 2.0 * t)  # the rim of a simulated contact
     tops_um = loss.noise * hypot(signal.noise_um, loss.clutter_um)
     noise = max(tops_um / max(signal.height_um, 1e-9), LEAST_NOISE)
-    # errors of tops grow towards the rim, those of places do not
+    # errors of tops increase towards the rim, those of places do not
     top, placed = signal.error_mm / pitch, hypot(seen.placement_mm, signal.pull_mm) / pitch
     true = np.sqrt(squared_errors(weight, top) + placed**2)
     sigma = min(max(hypot(top, placed), LEAST_SIGMA), MOST_SIGMA)
@@ -285,31 +285,30 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     second = np.sum(others, axis=0)
     good = np.count_nonzero(weight >= GOOD_WEIGHT, axis=1)
     turn = np.where((good >= LEAST_GOOD) & is_long(seen.shape, seen.body_mm), log(2.0 * MOST_TURN_SHARE), 0.0)
-    # so many tops of noise in the sensor's field, each with what it costs on the mean
+    # number of the noise's tops in the sensor's field, times the mean loss by one
     lost = loss.tops * _lost_to_noise(noise, sigma, shift, seen.directions) * _field_mm2(seen.sensor) / signal.alike_mm**2
-    # a top of noise speaks against either axis alike
+    # a top of noise is evidence against both axes equally
     per_axis = np.stack([first, second], axis=1) - lost / 2.0
     return first + second - lost, per_axis, seen_dots.sum(axis=1), turn
 
 
 def _away(e: FloatArray, f: FloatArray, shift: float, directions: int) -> FloatArray:
-    """Squared distances of dots with given errors to all places round a grid point, the dot's own first."""
-    # in a frame turned so that the dot's own symbol points along x: the dot is at (shift + e, f), a place at shift (x, y)
+    """Squared distances of dots with given errors to all symbols' places around a grid point, the dot's own first."""
+    # in a frame in which the dot's symbol points along x: the dot is at (shift + e, f), a place at shift (x, y)
     return np.stack([(e + shift * (1.0 - x)) ** 2 + (f - shift * y) ** 2 for x, y in _around(directions).tolist()])
 
 
 def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
-    """Evidence of dots for each bit of their symbols, nats, from that for all places, their own first.
+    """Evidence of dots for each bit of their symbols, nats, from that of all places, their own first.
 
-    With four directions one bit is shared with the neighbour on either side. With eight they are `Directions.gray_codes`.
+    With four directions each neighbouring symbol has one of the two bits in common. With eight, bits are `Directions.gray_codes`.
     """
     if len(q) == 4:
-        # q of a bit is the sum over the symbols that have it: the dot's own and one neighbour's; 2 q is the factor of the
-        # evidence
+        # q of a bit is the sum over the symbols with that bit: the dot's own and one neighbour; 2 q is the factor of evidence
         return [np.log(2.0 * (q[0] + q[k])) for k in (1, 3)]
     bits, found = _BITS_AROUND, []
     for of in bits:
-        # whether the symbol k places on has the same bit
+        # whether the symbol k places further has the same bit
         alike = np.stack([of == np.roll(of, -k) for k in range(8)])
         found.append(np.log(2.0 * (q * alike[:, symbols]).sum(axis=0)))
     return found
@@ -321,13 +320,13 @@ _BITS_AROUND = np.array([DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise] >> bi
 
 @lru_cache(maxsize=64)
 def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) -> float:
-    """Mean loss by a top of the noise, nats: it lies anywhere in its cell, and its trust depends on its height."""
+    """Mean loss by a top of the noise, nats, which is anywhere in its cell, with a trust that depends on its height."""
     e, f, height, symbol = _drawn(directions)[4].T
     weight = noise * height
     away = np.stack([(e - a * shift) ** 2 + (f - b * shift) ** 2 for a, b in _around(directions).tolist()])
     q = posteriors(away, squared_errors(weight, sigma), trusted(weight, noise))
     one = symbol.astype(np.int64)
-    # the hypothesis names a symbol by chance, which has to come first
+    # the symbol of the hypothesis is random, and has to come first
     around = np.stack([np.take_along_axis(q, ((one + k) % directions)[None], axis=0)[0] for k in range(directions)])
     said = np.sum(_said(around, one), axis=0)
     return float(np.where(weight >= LEAST_HEIGHT, -said, 0.0).mean())
@@ -347,19 +346,18 @@ def least_contact_mm(
     signal = signal_of(seen)
     if signal.noise_um > signal.height_um:
         return None
-    # errors count in displacements of four directions, by how near the next place is
+    # errors in displacements of four directions with the same distance of neighbouring places
     apart_mm = seen.displacement_mm * DIRECTIONS[seen.directions].spacing
     missed = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm) / apart_mm - CLEAN
     larger = (1.0 + loss.scatter * max(missed, 0.0)) * {4: 1.0, 8: loss.eight}[seen.directions]
-    # sizes in tenths of a millimetre: whole numbers, so that the bisection ends; 1e-9 for 10 times a tenth just below a whole
-    # number
+    # sizes as integers in tenths of a millimetre, so that the bisection terminates; 1e-9 against rounding errors
     low, most = 10, int(most_mm / larger * 10.0 + 1e-9)
     high = min(int(10.0 * _FIRST_PITCHES * seen.pitch_mm), most)
     while high <= low or located_share(seen, high / 10.0, code, loss, plane) < share:
         if high >= most:
             return None
         low, high = max(low, high), min(int(_GROWTH * high) + 1, most)
-    # high locates the share and low does not, as 1 mm has no six dots: a larger contact shows more of them
+    # high reaches the fraction and low does not, as 1 mm has fewer than six dots; larger contacts show more
     while high - low > 1:
         middle = (low + high) // 2
         if located_share(seen, middle / 10.0, code, loss, plane) >= share:
@@ -370,9 +368,9 @@ def least_contact_mm(
 
 
 def accuracy(seen: Seen, contact_mm: float, loss: Loss) -> tuple[float, float]:
-    """Median error of the place under the contact's middle (mm), and of the angle (deg), of a contact of a diameter."""
+    """Median error of the position of the contact's middle (mm), and of the angle (deg), for a contact of a diameter."""
     signal = signal_of(seen)
     dots = float(np.mean(_information(seen, contact_mm, loss)[2]))
     one_mm, reach_mm = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm), contact_mm / (2.0 * sqrt(2.0))
-    # medians of a length of two equal normal components, and of the size of one
+    # medians of the length of two equal normal components, and of the absolute value of one
     return 1.1774 * one_mm / sqrt(dots), float(np.degrees(0.6745 * one_mm / (reach_mm * sqrt(dots))))

@@ -1,4 +1,4 @@
-"""order: of the tapes that a house can make, the one that holds its pads best and still locates a contact."""
+"""make --order: of the tapes that a house can make, the one that holds its pads best and still locates a contact."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from tactape_fab.kit.spec.tape_spec import TapeSpec, read_spec
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 
 DEFAULT_CONTACT_MM = (11.0, 9.0)
-"""Sides of the contact that a tape is chosen for, mm: the one that the benches press by default."""
+"""Default size of the contact for which a tape is chosen, mm; that of the benchmarks."""
 _SHARES = (0.12, *SHARES)
 _TYPED = {"pitch_mm": "--w", "displacement_mm": "--delta", "coverlay": "--coverlay", "anchor": "--anchor"}
-"""Options of what may be given."""
+"""Options on the command line of the values that may be given."""
 _HOLDS = {
     "mesh": "an opening for each part, and a mesh of copper under the film that holds every pad",
     "spur": "an opening for each part, and spurs of copper under the film that hold every pad",
@@ -56,7 +56,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chosen:
-    """The values of an order with everything that was left open decided, and what is to be said about the choice."""
+    """The values of an order with all open ones chosen, and remarks on the choice."""
 
     values: dict[str, Any]
     candidate: Candidate
@@ -64,12 +64,12 @@ class Chosen:
 
 
 def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> Chosen:
-    """Decide fab, W, Δ, coverlay, anchor and part number of a tape, as far as `values` leave them open.
+    """Choose fab, W, Δ, coverlay, anchor and part number of a tape, as far as `values` leave them open.
 
     values: Option names to values, as for `make_kit`; untrusted.
     house: A house (``jlcpcb``), a fab profile, or a profile's file.
-    contact: Diameter, or both axes, of the smallest contact that is to be located, mm; by default 11 x 9.
-    Raises SpecError if the house is unknown, the values are invalid, or no tape of them is legal.
+    contact: Diameter, or both axes, of the smallest contact to be located, mm; default 11 x 9.
+    Raises SpecError if the house is unknown, the values are invalid, or no tape with them is legal.
     """
     fab_name = house_fab(house)
     if values.get("fab", fab_name) != fab_name:
@@ -104,7 +104,7 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
 
 
 def _other_designs(spec: TapeSpec, given: Mapping[str, Any]) -> Iterator[Problem]:
-    """Values of tapes that are none of those among which is chosen."""
+    """Problems of values of tapes to which the choice does not apply."""
     remedy = "or use --fab with --w and --delta in place of --order"
     if spec.rotation_deg % 90.0 != DEFAULT_ROTATION_DEG:
         said = f"rotation_deg = {spec.rotation_deg:g} deg contradicts --order, whose tapes have parts at"
@@ -116,7 +116,7 @@ def _other_designs(spec: TapeSpec, given: Mapping[str, Any]) -> Iterator[Problem
 
 
 def _contact(value: Any) -> tuple[float, str]:
-    """Diameter of the round contact of the same area, mm, and how the contact was given."""
+    """Diameter of the round contact of the same area, mm, and the contact as text."""
     sides = list(value) if isinstance(value, (list, tuple)) else [value]
     if not (1 <= len(sides) <= 2 and all(isinstance(side, (int, float)) and 1.0 <= side <= 100.0 for side in sides)):
         shown = "x".join(map(str, sides))
@@ -128,7 +128,7 @@ def _contact(value: Any) -> tuple[float, str]:
 
 
 def _designs(fab: FabProfile, name: str, part: PartProfile, spec: TapeSpec, given: Mapping[str, Any]) -> Iterator[Design]:
-    """Designs with the least W that rules allow, without warnings and with; what is given stays."""
+    """Designs with the least legal W, without and with warnings; given values are kept."""
     modes = [mode for mode in fab.coverlay_modes if given.get("coverlay", mode) == mode]
     anchors = [anchor for anchor in ("mesh", "spur", "none") if given.get("anchor", anchor) == anchor]
     for mode, anchor, share, careful in product(modes, anchors, _SHARES, (True, False)):
@@ -170,7 +170,7 @@ def _candidate(design: Design, question: Question, code_name: str) -> Candidate:
 
 
 def _best(legal: Sequence[Candidate], asked_mm: float) -> Candidate:
-    """Of those that locate the contact the one that holds its pads best, the least warned of; else what comes nearest."""
+    """Of the candidates that locate the contact, the one that holds its pads best, with fewest warnings; else the nearest one."""
     ranks = list(_HOLDS)
     reaching = [candidate for candidate in legal if candidate.least_mm <= asked_mm]
     if not reaching:

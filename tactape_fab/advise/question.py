@@ -25,13 +25,13 @@ _DEFAULTS = {"blur_mm": Scene().elastomer_mm, "placement_mm": Scene().placement_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """Contacts to be located, and the process that makes the tape.
+    """The contacts to be located, and the process that makes the tape.
 
     contact_mm: Diameter of the smallest contact to be located.
-    profile: Its name, or the path of its file, as it was given: what a spec and a command line take.
+    profile: Name or path of the fab or process profile as given, for a spec and a command line.
     blur_mm, placement_mm: Standard deviations of the gel's smoothing, and of the parts' places along each axis.
-    tapes: Registered tapes.
-    size_mm: Outline of one.
+    tapes: Number of registered tapes.
+    size_mm: Outline of a tape.
     """
 
     contact_mm: float
@@ -45,7 +45,7 @@ class Question:
 
     @property
     def field_mm(self) -> float:
-        """The shorter side of the sensor's field."""
+        """The shorter side of the sensor's field, mm."""
         return min(self.sensor.width_px / self.sensor.px_per_mm[0], self.sensor.height_px / self.sensor.px_per_mm[1])
 
 
@@ -70,7 +70,7 @@ def read_question(values: Mapping[str, Any]) -> Question:
         said = f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
         problems.append(Problem("fab", said))
     sensor = tried(lambda: load_sensor(values.get("sensor", DEFAULT_SENSOR)), problems)
-    fab = values.get("fab", DEFAULT_FAB)  # read where the process is refused, too
+    fab = values.get("fab", DEFAULT_FAB)  # also read if the process is refused
     making = tried(lambda: load_process(process) if known and process != FILM else load_fab(fab), problems)
     if problems or sensor is None or making is None or size_mm is None:
         raise SpecError(problems)
