@@ -279,9 +279,9 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     sigma = min(max(hypot(top, placed), LEAST_SIGMA), MOST_SIGMA)
     # errors along the symbol's own direction, and across it
     e, f = true * errors[:, :count, 0], true * errors[:, :count, 1]
-    q = posteriors(_away(e, f, shift, seen.directions), squared_errors(weight, sigma), trusted(weight, noise))
+    q = posteriors(_squared_distances(e, f, shift, seen.directions), squared_errors(weight, sigma), trusted(weight, noise))
     seen_dots = weight >= LEAST_HEIGHT
-    first, *others = (np.where(seen_dots, said, 0.0).sum(axis=1) for said in _said(q, symbols[:, :count]))
+    first, *others = (np.where(seen_dots, said, 0.0).sum(axis=1) for said in _bit_evidence(q, symbols[:, :count]))
     second = np.sum(others, axis=0)
     good = np.count_nonzero(weight >= GOOD_WEIGHT, axis=1)
     turn = np.where((good >= LEAST_GOOD) & is_long(seen.shape, seen.body_mm), log(2.0 * MOST_TURN_SHARE), 0.0)
@@ -292,13 +292,13 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     return first + second - lost, per_axis, seen_dots.sum(axis=1), turn
 
 
-def _away(e: FloatArray, f: FloatArray, shift: float, directions: int) -> FloatArray:
+def _squared_distances(e: FloatArray, f: FloatArray, shift: float, directions: int) -> FloatArray:
     """Squared distances of dots with given errors to all symbols' places around a grid point, the dot's own first."""
     # in a frame in which the dot's symbol points along x: the dot is at (shift + e, f), a place at shift (x, y)
     return np.stack([(e + shift * (1.0 - x)) ** 2 + (f - shift * y) ** 2 for x, y in _around(directions).tolist()])
 
 
-def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
+def _bit_evidence(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
     """Evidence of dots for each bit of their symbols, nats, from that of all places, their own first.
 
     With four directions each neighbouring symbol has one of the two bits in common. With eight, bits are `Directions.gray_codes`.
@@ -328,7 +328,7 @@ def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) ->
     one = symbol.astype(np.int64)
     # the symbol of the hypothesis is random, and has to come first
     around = np.stack([np.take_along_axis(q, ((one + k) % directions)[None], axis=0)[0] for k in range(directions)])
-    said = np.sum(_said(around, one), axis=0)
+    said = np.sum(_bit_evidence(around, one), axis=0)
     return float(np.where(weight >= LEAST_HEIGHT, -said, 0.0).mean())
 
 

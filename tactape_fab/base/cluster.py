@@ -98,11 +98,11 @@ class ClusterPool(Executor):
         try:
             answer.set_result(asked.result(timeout=None))
         except BaseException as error:  # CancelledError is not an Exception
-            answer.set_exception(self._said(asked, error))
+            answer.set_exception(self._error_of(asked, error))
         finally:
             self._asked.discard(asked)
 
-    def _said(self, asked: Any, error: BaseException) -> BaseException:
+    def _error_of(self, asked: Any, error: BaseException) -> BaseException:
         if asked.status != "error":
             return self._lost()
         # by name, as the library is optional; reported like a process that SIGKILL (9) ended

@@ -50,11 +50,11 @@ def refuse_taken_place(
     if overwrite is False or (overwrite is None and ours is None):
         remedy = "nothing was touched; use" if overwrite is None else "use --overwrite to replace it, or"
         raise SpecError(Problem(key, f"{said} exists already; {remedy} another name"))
-    if ours is not None and not _is(ours, path):
+    if ours is not None and not _is_ours(ours, path):
         raise SpecError(Problem(key, f"{said} is there and is {kind}; nothing was touched; use another name"))
 
 
-def _is(ours: Callable[[Path], bool], path: Path) -> bool:
+def _is_ours(ours: Callable[[Path], bool], path: Path) -> bool:
     try:
         return ours(path)
     except (OSError, ValueError):

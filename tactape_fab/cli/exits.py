@@ -120,7 +120,7 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     return _KEY.sub(option, line).replace(f"{_PART} = ", " ").replace(f":{_PART}", "")
 
 
-def _within(line: str) -> str:
+def _shortened(line: str) -> str:
     """A message shortened to `_MOST_CHARACTERS`; its end, which has the remedy, is kept."""
     more = len(line) - _MOST_CHARACTERS
     return (
@@ -130,7 +130,7 @@ def _within(line: str) -> str:
     )
 
 
-def _ways_of(names: Sequence[str], line: str) -> str:
+def _own_remedies(names: Sequence[str], line: str) -> str:
     """A message without remedies that are options of other commands, as several commands share the code that refuses."""
     said, use, remedy = line.rpartition("; use ")
     ways = re.split(r",? or (?=--|a )", remedy)
@@ -151,7 +151,7 @@ def with_options(line: str) -> str:
     if names and "as-built" not in names:  # the command always uses the kit's own file
         way = "leave out --from" if "from" in names else "move its as-built.json away"
         line = line.replace("give as_built='none' for", f"{way} for")
-    line = _ways_of(names, _ARGUMENT.sub(option, line))
+    line = _own_remedies(names, _ARGUMENT.sub(option, line))
     return _KITS.sub(r"\g<0> with --tape", line) if "tape" in names else line
 
 
@@ -171,11 +171,11 @@ def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = No
     """
 
     def said(lines: Iterable[str]) -> list[str]:
-        return [_as_typed(_within(line), typed or {}) for line in lines]
+        return [_as_typed(_shortened(line), typed or {}) for line in lines]
 
     match error:
         case SpecError():
-            short = [replace(p, message=_within(p.message)) for p in error.problems]
+            short = [replace(p, message=_shortened(p.message)) for p in error.problems]
             problems = [p.message if p.of_file else _as_typed(_as_in_file(p, typed or {}), typed or {}) for p in short]
             return USAGE, [*problems, *said(rule_lines(error.findings))]
         case DesignRuleError():

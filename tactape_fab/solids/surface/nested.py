@@ -9,7 +9,7 @@ from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import connected
 from tactape_fab.texture.frames import FloatArray, IntArray
 
-_MOST_LOOKED_AT, _BOXES_OF_ONE = 20_000_000, 10
+_MOST_COST, _BOXES_OF_ONE = 20_000_000, 10
 """Limit of the pairs of point and triangle, which take some three seconds, and number of bounding boxes that cost as much as a
 pair."""
 _POINTS = 9
@@ -34,22 +34,22 @@ def wrong_shells(mesh: Mesh) -> tuple[int, FloatArray]:
     ends = np.cumsum(np.bincount(owner, minlength=shells))
     starts = np.r_[0, ends[:-1]]
     low, high = np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
-    middles, looked_at = (low + high) / 2, 0
+    middles, cost = (low + high) / 2, 0
     bounds = np.ascontiguousarray(np.concatenate([low, -high], axis=1).T)  # contiguous by axis, which is several times faster
     outward = np.add.reduceat(_volumes6(corners - np.repeat(middles, ends - starts, axis=0)[:, None]), starts) > 0
     wrong = np.zeros(shells, dtype=bool)
     for shell in range(shells):
         around = np.logical_and.reduce(bounds <= bounds[:, shell, None], axis=0)
         around[shell] = False
-        looked_at += shells // _BOXES_OF_ONE
+        cost += shells // _BOXES_OF_ONE
         if not around.any():
             wrong[shell] = not outward[shell]
             continue
         there = np.concatenate([np.arange(starts[k], ends[k]) for k in np.flatnonzero(around)])
         # several points, as some of a shell that touches another are on it
         own: IntArray = np.unique(np.linspace(starts[shell], ends[shell] - 1, _POINTS).astype(np.int64))
-        looked_at += len(there) * len(own)
-        if looked_at > _MOST_LOOKED_AT:
+        cost += len(there) * len(own)
+        if cost > _MOST_COST:
             raise SpecError(f"SURFACE has {shells} shells, too many of them in others; give a mesh of one part")
         depth = np.median([_winding(corners[there], point) for point in corners[own].mean(axis=1)])
         wrong[shell] = round(float(depth)) != (0 if outward[shell] else 1)

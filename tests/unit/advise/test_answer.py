@@ -193,11 +193,11 @@ def test_dots_of_eight_directions_say_in_the_model_what_they_say_to_the_decoder(
     rng, n, shift = np.random.default_rng(3), 60, 1 / 6
     own, at = rng.integers(0, 8, n), rng.normal(0.0, 0.05, (n, 2))  # off their places, along and across each direction
     trust, variance = rng.uniform(0.3, 1.0, n), np.full(n, 0.02**2)
-    q = posteriors(model._away(at[:, 0], at[:, 1], shift, 8), variance, trust)
+    q = posteriors(model._squared_distances(at[:, 0], at[:, 1], shift, 8), variance, trust)
     around = np.stack([np.roll(q[:, i], own[i]) for i in range(n)])  # by place, as the decoder has them
     tables = tables_of(np.zeros((n, 2), dtype=np.int64), around, np.empty(0, dtype=np.float32), 24)
     bits = 2.0 * model._BITS_AROUND.T[own] - 1.0
-    said = np.sum(model._said(q, own), axis=0)
+    said = np.sum(model._bit_evidence(q, own), axis=0)
     np.testing.assert_allclose(said, tables.evidence[0, :, 0] + (tables.evidence[0, :, 1:] * bits).sum(axis=1), rtol=1e-9)
 
 

@@ -174,7 +174,7 @@ def test_a_scheduler_without_the_package_is_said_in_one_line() -> None:
     pool.address = "tcp://127.0.0.1:8786"
     error = RuntimeError(f"Error during {cluster._UNREAD}.\nFor more information")
     error.__cause__ = ModuleNotFoundError("No module named 'tactape_fab'")
-    said = pool._said(SimpleNamespace(status="error"), error)
+    said = pool._error_of(SimpleNamespace(status="error"), error)
     assert isinstance(said, OtherWorkerError)
     begin = "the scheduler tcp://127.0.0.1:8786 cannot read what it is given: No module named 'tactape_fab'; install tactape-fab "
     assert str(said).startswith(begin) and "\n" not in str(said)
