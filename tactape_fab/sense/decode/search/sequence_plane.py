@@ -51,8 +51,10 @@ class SequencePlane(CodePlane):
         turn = int(np.argmax(best))
         total, largest = 0.0, -np.inf
         for k, (_, x, y) in enumerate(found):
-            # every pair of phases is a sector, so the sum of E over all pairs is a product of two sums
-            total += float(np.exp(x - x.max()).sum() * np.exp(y - y.max()).sum()) * np.exp(best[k] - best[turn])
+            # every pair of phases is a sector, so the sum of E over all pairs is a product of two sums. In single precision what
+            # is below 6e-8 beside the answer's own 1 would be lost
+            sums = [np.exp(axis - axis.max()).sum(dtype=np.float64) for axis in (x, y)]
+            total += float(sums[0] * sums[1]) * np.exp(best[k] - best[turn])
             if k != turn:
                 largest = max(largest, best[k])
         cells, x, y = found[turn]
