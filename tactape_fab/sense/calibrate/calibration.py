@@ -129,7 +129,7 @@ def calibrate_sensor(
     if noise is None and relief is not None:
         noise = between_dots(relief.left, relief.freedom, bundle.sensor)
     hand_eye = None if arm_poses is None else find_hand_eye(bundle, presses, registered, arm_poses)
-    sensor = _profile(name, given, bundle, estimate, relief, noise, presses)
+    sensor = _profile(name, given, bundle, estimate, relief, noise if noise is not None and noise.of_mm else None, presses)
     return Calibration(
         sensor=sensor,
         quantities=tuple(_quantities(sensor, bundle, estimate, relief, noise, corner_um)),

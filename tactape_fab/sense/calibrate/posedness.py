@@ -265,6 +265,11 @@ def remarks_of(
         said.append("no part of any frame is off contact: give frames that touch nothing, too, for the noise of the depth")
     if sensor.depth_unit_mm is None:
         said.append(f"'{start.name}' says no unit of the depth: amplitude and noise are in the frame's unit")
+    if noise is not None and not noise.of_mm:
+        said.append(
+            f"slopes have a noise of {noise.slope:.3g} rms a pixel, and depths one of {noise.white_um:.3g} um, too much of "
+            f"depths in mm: the profile keeps the noise of '{start.name}'; give a like with the frames' depth.unit_mm for its own"
+        )
     if hand_eye is not None:
         said += hand_eye.remarks
     return said

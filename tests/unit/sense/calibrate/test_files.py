@@ -45,6 +45,18 @@ def test_the_profile_is_read_back_as_it_was_found(tmp_path: Path) -> None:
     json.dumps(found.to_mapping(), allow_nan=False)
 
 
+@pytest.mark.parametrize("most", [100, 60_000])
+def test_frames_of_whole_numbers_make_a_profile_that_is_read_back(most: int, tmp_path: Path) -> None:
+    low, high = (float(end([end(frame) for frame in presses(7).frames])) for end in (np.min, np.max))
+    frames = [np.rint((frame - low) / (high - low) * most).astype(np.uint16) for frame in presses(7).frames]
+    found = calibrate_sensor(frames, [TAPE], "generic", name="mine")
+    write_profile(tmp_path / "mine.toml", found)
+    read, like = load_sensor(tmp_path / "mine.toml"), load_sensor("generic")
+    assert (read.slope_noise, read.white_um, read.correlated_um) == (like.slope_noise, like.white_um, like.correlated_um)
+    assert any("noise of 'generic'" in remark for remark in found.remarks)
+    assert next(q.value for q in found.quantities if q.name == "noise_slope") > 1.0
+
+
 def test_an_older_profile_keeps_its_mask_where_a_new_one_cannot_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
