@@ -17,8 +17,6 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 Image = npt.NDArray[np.float32]
 
-MOST_TOPS = 4096
-"""Most local maxima of a frame; more are noise."""
 LOWEST = np.float32(-3e38)
 ROUNDING = np.float32(1e-6)
 """A maximum lower than this share of its pixel's value is a rounding error of single precision."""
@@ -190,7 +188,9 @@ def local_tops(image: Image, ground: Image, reach: int) -> IntArray:
     Of equal pixels so near each other the first is kept. The image is a difference of means of `ground`: maxima within the
     rounding of that, as on level ground, are left out.
     """
-    w, found = image.shape[1], np.empty((MOST_TOPS, 2), dtype=np.int64)
+    # no two within the reach: at most one in each square of reach + 1, so that noise in the first rows takes no place of a part's
+    (h, w), side = image.shape, reach + 1
+    found = np.empty((-(-h // side) * -(-w // side), 2), dtype=np.int64)
     eights = np.empty((w + 7) // 8, dtype=np.uint64)
     rows = np.empty(image.shape, dtype=np.float32), np.empty(w + 2 * reach, dtype=np.float32), np.empty(w, dtype=np.float32)
     return found[: _find_tops(image, ground, reach, *rows, eights, eights.view(np.uint8), found)]
@@ -243,7 +243,7 @@ def _find_tops(
             if eights[k] == 0:
                 continue
             for u in range(8 * k, 8 * k + 8):
-                if is_top[u] and n < MOST_TOPS and not _is_near(found[:n], v, u, reach):
+                if is_top[u] and n < len(found) and not _is_near(found[:n], v, u, reach):
                     found[n, 0], found[n, 1] = v, u
                     n += 1
     return n

@@ -12,7 +12,7 @@ import pytest
 from tactape_fab import Localizer, TapeSpec
 from tactape_fab.base.errors import FrameError
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.sense import ElasticContact, SensorProfile, load_sensor, simulate
+from tactape_fab.sense import ElasticContact, Scene, SensorProfile, load_sensor, simulate
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import POSE, TAPE, R, dots, is_near
 
@@ -57,6 +57,15 @@ def test_pixels_of_any_size(change: dict[str, Any]) -> None:
     sensor = replace(load_sensor("gelsight-mini"), **change)
     fix = Localizer([TAPE], sensor).locate(simulate(TAPE, POSE[0], POSE[1], sensor=sensor))
     assert fix.located and is_near(fix, *POSE, mm=0.02, deg=0.3)
+
+
+@pytest.mark.parametrize("down_mm", [-25.0, 25.0])
+def test_noise_above_a_contact_hides_no_dot_of_it(down_mm: float) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), width_px=640, height_px=480, px_per_mm=(7.0, 7.0))
+    scene = Scene(contact_offset_mm=(0.0, down_mm), contact_mm=(11.0, 9.0))
+    position_mm = (50.0, 22.0 - down_mm)
+    fix = Localizer([TAPE], sensor).locate(simulate(TAPE, position_mm, 0.0, sensor=sensor, scene=scene))
+    assert fix.located and is_near(fix, position_mm, 0.0, mm=0.2, deg=0.5), fix.reason
 
 
 @pytest.mark.parametrize("name", ["digit", "generic"])
