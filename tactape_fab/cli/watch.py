@@ -31,6 +31,7 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0
 """Time between status lines, s: on a terminal, where they are overwritten, and in a file."""
 _NAMED = re.compile(r"([A-Za-z]\w{0,31})=([^:]+):(.+)", re.ASCII)
 """NAME=SENSOR:SOURCE; the name becomes part of a topic, so its characters are those that ROS allows."""
+_OF_SENSOR = re.compile(r"([A-Za-z]\w{0,31})=", re.ASCII)
 
 Output = Callable[["Located", str], bool]
 
@@ -128,6 +129,8 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
         remedy = "use a letter, then letters, digits and _, 32 at most, such as left_hand=digit:frames"
         message = f"sensor = {shown(misnamed[0])}: its name becomes part of topics of ROS, which has rules for it; {remedy}"
         raise SpecError(Problem("sensor", message))
+    names = [found[1] for found in named]
+    _refuse_other_names(names, given)
     if not named:
         if source is None:
             message = (
@@ -142,9 +145,24 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
     if source is not None and not (is_kit(source) or is_packed(Path(source))):
         message = f"source = {shown(source)} stands beside --sensor NAME=SENSOR:SOURCE, which has its own; leave it out"
         raise SpecError(Problem("source", message))
-    names = [found[1] for found in named]
     wanted = [Wanted(name=found[1], sensor=found[2], source=found[3], wishes=_wishes(found[1], names, given)) for found in named]
     return wanted, [] if source is None else [source]
+
+
+def _refuse_other_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
+    """Refuse NAME=VALUE of a sensor that there is none of. Raises SpecError."""
+    from tactape_fab.base.errors import Problem, refuse
+    from tactape_fab.base.fields import shown
+
+    there = f"the sensors are {', '.join(names)}" if names else "none has a name; give the value alone"
+    refuse(
+        [
+            Problem(option, f"{option} = {shown(text)} is for a sensor {found[1]}, which there is not; {there}")
+            for option in ("rate", "idle", "crop")
+            for text in given[option]
+            if (found := _OF_SENSOR.match(text)) and found[1] not in names
+        ]
+    )
 
 
 def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes:

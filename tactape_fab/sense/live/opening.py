@@ -28,6 +28,8 @@ from tactape_fab.sense.raw.image_files import COLOUR_PICTURES
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 
 STANDARD_INPUT = "-"
+LEAST_HZ = 0.001
+"""A replay waits an hour at most from frame to frame (`replay.LONGEST_GAP_S`)."""
 MOST_HZ = 100_000.0
 _SOURCES = "give a folder, a file of frames, - for standard input, or with raw=True a camera such as /dev/video0 or usb:NAME"
 
@@ -139,7 +141,7 @@ def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None,
     if isinstance(wishes.rate, str) and wishes.rate == "max":
         rate_hz = float("inf")
     elif wishes.rate is not None:
-        rate_hz = table.number("rate", above=0.0, high=MOST_HZ, unit="Hz", remedy="give a number of Hz, or max", default=1.0)
+        rate_hz = table.number("rate", low=LEAST_HZ, high=MOST_HZ, unit="Hz", remedy="give a number of Hz, or max", default=1.0)
     idle_s = None if wishes.idle is None else table.number("idle", above=0.0, unit="s", default=1.0)
     crop = None
     if wishes.crop is not None:
@@ -185,7 +187,7 @@ def _source(
         message = f"source {shown_path(given)} cannot be opened: it is no regular file, as a film is; {_SOURCES}"
         problems.append(Problem("source", message))
     if rate_hz is not None and not (film or plain):
-        message = f"rate = {shown(wishes.rate)} is for files of frames, which say themselves when they end; leave it out"
+        message = f"rate = {shown(wishes.rate)} is for files of frames; other sources come when they come; leave it out"
         problems.append(Problem("rate", message))
     if idle_s is not None and not folder:
         message = f"idle = {shown(wishes.idle)} is for folders, which nothing else tells when to stop; leave it out"

@@ -51,9 +51,8 @@ def replay(stop: Event, file: FrameFile, rate_hz: float | None = None, *, keep: 
             wait_s = max(0.0, start + due_s - perf_counter())
             if wait_s > LONG_GAP_S and not said:
                 said = True
-                yield Trouble(
-                    kind="long pause", message=f"frame {k} comes in {wait_s:.3g} s by the file's timestamps; {_SECONDS}"
-                )
+                by = f"the file's timestamps; {_SECONDS}" if by_file else f"a rate of {hz:g} Hz"
+                yield Trouble(kind="long pause", message=f"frame {k} comes in {wait_s:.3g} s by {by}")
             if stop.wait(wait_s):
                 return
             if stamp is None and rate_hz is not None and rate_hz < float("inf") and file.timestamp is None:

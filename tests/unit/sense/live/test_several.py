@@ -210,6 +210,8 @@ def test_a_folder_beside_a_file_ends_by_an_idle_time_of_its_own(small_kit: Kit, 
         ("--sensor a=digit:FRAMES --rerun", "--rerun and --save show one sensor"),
         ("--sensor a=digit:FRAMES --mcap x.mcap --rate 9 --sensor-frame b", "each has its name as frame"),
         ("--sensor a=digit:FRAMES --rate a=fast", "rate = 'fast'"),
+        ("--sensor a=digit:FRAMES --rate b=3", "--rate = 'b=3' is for a sensor b, which there is not; the sensors are a"),
+        ("FRAMES --idle b=3", "--idle = 'b=3' is for a sensor b, which there is not; none has a name; give the value alone"),
         ("--sensor a=digit:FRAMES --mcap x.mcap", "sensor a: "),
     ],
 )

@@ -379,8 +379,8 @@ def test_frames_of_another_sensor_alone_are_a_failure(default_kit: Kit, frames: 
     [
         ("nowhere --tape {kit}", ["source nowhere cannot be opened"]),
         ("{frames}", ["no tape is given"]),
-        ("{frames} --tape {kit} --rate -3", ["rate = -3 Hz is not above 0"]),
-        ("{frames} --tape {kit} --rate 0", ["rate = 0 Hz is not above 0", "or max"]),
+        ("{frames} --tape {kit} --rate -3", ["rate = -3 Hz is below 0.001 Hz"]),
+        ("{frames} --tape {kit} --rate 1e-300", ["rate = 1e-300 Hz is below 0.001 Hz", "or max"]),
         ("{frames} --tape {kit} --rate fast", ["rate = 'fast' is not a number", "or max"]),
         ("{frames} --tape {kit} --idle 3", ["--idle = 3 is for folders"]),
         ("{kit} --tape {kit} --rate 3 --idle soon", ["--rate = 3 is for files", "idle = 'soon'"]),
