@@ -261,7 +261,9 @@ def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
     try:
         measured = tape.with_as_built(manifest)
     except SpecError as error:
-        return tape, [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {error}; or delete the file")]
+        first, *more = error.problems  # a check is one line
+        said = f"{first.message}{f' (and {len(more)} more)' if more else ''}"
+        return tape, [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {said}; or delete the file")]
     if (built := measured.as_built) is None:
         return tape, []
     sources = ", ".join(dict.fromkeys(str(entry["kind"]) for entry in built.source)) or "a source that it does not name"

@@ -168,14 +168,14 @@ def examine(
     if problems:
         # places on a substitute board mean nothing, so at_mm is left out
         raise refusal(problems, [replace(f, at_mm=None) for f in findings if f.blocks and measurable])
-    certificate = certify(tape)
+    certificate, searched = certify(tape), search is not None
     findings += _beside(spec, tape, profiles, avoid)
     return Examined(
         spec=spec,
         tape=tape,
         film=film,
         profiles=profiles,
-        findings=(*findings, *_window_findings(certificate, searched=search is not None), *_origin_findings(tape)),
+        findings=(*findings, *_window_findings(certificate, searched=searched), *_origin_findings(tape, searched=searched)),
         certificate=certificate,
         search=search,
         avoided=tuple(t.name for t in avoid),
@@ -374,7 +374,7 @@ def _corner_findings(tape: Tape, form: SolidForm | None) -> list[Finding]:
     return [Finding(rule="model-corner", level="info", passed=False, value=0.0, limit=radius_mm, message=message)]
 
 
-def _origin_findings(tape: Tape) -> list[Finding]:
+def _origin_findings(tape: Tape, *, searched: bool) -> list[Finding]:
     """Warning if this tape overlaps the sector's tape at the default origin, which others may have."""
     u, v = default_origin(tape.code, tape.sector)
     column, row = tape.origin[0] - u, tape.origin[1] - v
@@ -383,9 +383,11 @@ def _origin_findings(tape: Tape) -> list[Finding]:
     columns, rows = max(DEFAULT_GRID[0], tape.columns), max(DEFAULT_GRID[1], tape.rows)  # the size that decode assumes
     if not (-tape.columns < column < columns and -tape.rows < row < rows):
         return []
+    # a search takes such an origin only where the plane has no other that it looks at
+    remedy = "use a smaller --size" if searched else "leave out --origin, or use --origin best"
     message = (
         f"origin = {list(tape.origin)} shows a part of what the default tape of sector {tape.sector} shows, at {[u, v]}: no "
-        "touch there tells which it is, and decode refuses it but with --world closed; leave out --origin, or use --origin best"
+        f"touch there tells which it is, and decode refuses it but with --world closed; {remedy}"
     )
     return [Finding(rule="origin", level="warn", passed=False, unit="", message=message)]
 

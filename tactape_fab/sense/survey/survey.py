@@ -120,7 +120,8 @@ def survey_files(
     count = None if files is None else sum(file.count for file in files)
     robot = [] if poses is None else tried(lambda: _robot(poses, hand_eye, tape, count), problems)
     if tape is not None and tape.surface is not None:
-        problems.append(Problem("tape", f"{tape.name} is a texture on a part without a board; its places cannot be given"))
+        message = f"{tape.name} is a texture on a part without a board, for which no file of places is; rely on its design"
+        problems.append(Problem("tape", message))
     if files is not None and profile is not None:
         # the camera is one unknown of all contacts
         scales = {file.px_per_mm or profile.px_per_mm for file in files}

@@ -384,6 +384,9 @@ def test_measured_places_beside_a_manifest_are_told_and_those_of_another_fail(tm
     found, (check,) = check_as_built(file, tape)
     assert found is tape and not check.passed
     assert check.message.startswith("as-built.json: ") and check.message.endswith("; or delete the file")
+    (file.parent / "as-built.json").write_text('{"format": "tactape-as-built/1"}')
+    said = check_as_built(file, tape)[1][0].message
+    assert "tape is missing; give a text (and " in said and " more); or delete the file" in said and "\n" not in said
 
 
 # Report

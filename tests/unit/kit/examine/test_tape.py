@@ -240,6 +240,11 @@ def test_a_tape_that_shows_a_part_of_its_sector_s_default_tape_is_told(origin: t
     assert len(found) == said and all("--origin best" in f.message for f in found)
 
 
+def test_an_origin_that_was_searched_for_is_not_told_to_be_searched_for() -> None:
+    found = examine(TapeSpec(sector=3, origin="best", size_mm=(700.0, 700.0), models=False)).findings
+    assert [f.message.rpartition("; ")[2] for f in found if f.rule == "origin"] == ["use a smaller --size"]
+
+
 @pytest.mark.parametrize(("origin", "remedy"), [({}, "--origin best"), ({"origin": "best"}, "a smaller --size")])
 def test_equal_windows_have_a_remedy_that_was_not_taken_yet(origin: dict[str, str], remedy: str) -> None:
     found = examine({"sector": 0, "code": "debruijn-4x4", "size_mm": [300.0, 200.0], "models": False, **origin}).findings
