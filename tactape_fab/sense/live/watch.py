@@ -128,7 +128,8 @@ def _depth(image: npt.NDArray[np.uint8], reconstruction: Reconstruction, sensor:
         (height, width), asked = image.shape[:2], f"{expected[0]} x {expected[1]}"
         raise FrameError(
             f"an image of {height} x {width} px is none of sensor '{sensor.name}', whose images are {asked} (height x "
-            "width); cut it out of the camera's with crop=U,V,WIDTH,HEIGHT, or give another sensor"
+            "width); cut it out of a camera's with crop=U,V,WIDTH,HEIGHT (images of a folder when they are written), or give "
+            "another sensor"
         )
     return reconstruction.depth(image)
 

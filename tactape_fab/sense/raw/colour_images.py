@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, reason_of, tried
+from tactape_fab.base.errors import FrameError, Problem, SpecError, reason_of, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.sense.raw.image_files import COLOUR_PICTURES, read_colour, read_colour_header
 from tactape_fab.sense.sensors import SensorProfile
@@ -35,8 +35,13 @@ class RawImage:
     px_per_mm: tuple[float, float] | None = None
 
     def frames(self) -> Iterator[npt.NDArray[np.float32]]:
-        """Its depth map, mm, larger where pushed further in. Raises SpecError when the file is damaged."""
-        yield self.reconstruction.depth(_read(self.path, "raw"))
+        """Its depth map, mm, larger where pushed further in. Raises SpecError when the file is damaged, FrameError as `depth`."""
+        image = _read(self.path, "raw")
+        try:
+            depth = self.reconstruction.depth(image)
+        except FrameError as error:
+            raise FrameError(f"raw {shown_path(self.path)}: {error}") from None
+        yield depth
 
     def time_of(self, frame: int) -> float | None:
         return None

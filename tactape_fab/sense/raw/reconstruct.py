@@ -30,6 +30,9 @@ Image = npt.NDArray[np.uint8]
 INPUTS, OUTPUTS = 5, 2
 MOST_LAYERS = 8
 MOST_WIDTH = 256
+FARTHEST_GREY = 20.0
+"""Most grey levels, of 255, that the mean of a colour may be from that of the background: a contact moves it by a few, as its
+slopes turn all ways. With a background that is a third darker angles were off by ten of their standard deviations."""
 STEEPEST_RAD = np.float32(1.4)
 """Angles are clipped to this: no gel is as steep as 80 degrees, and the tangent diverges at 90."""
 
@@ -163,12 +166,15 @@ class Reconstruction:
     network : Network
     untouched : ndarray of float32, shape (2, h, w)
         Slopes that the network sees in the image of the untouched gel.
+    colour : ndarray, shape (3,)
+        Mean blue, green and red of that image.
     px_per_mm : (float, float)
         Along u and v of the images.
     """
 
     network: Network
     untouched: Floats
+    colour: npt.NDArray[np.float64]
     px_per_mm: tuple[float, float]
 
     def depth(self, image: npt.ArrayLike) -> Floats:
@@ -186,13 +192,19 @@ class Reconstruction:
         Raises
         ------
         FrameError
-            When it is no such image, or not as large as the untouched one.
+            When it is no such image, not as large as the untouched one, or taken in another light.
         """
         picture = _checked(image, "image")
         h, w = self.untouched.shape[1:]
         if picture.shape[:2] != (h, w):
             found = f"{picture.shape[1]} x {picture.shape[0]} px"
             raise FrameError(f"an image of {found} is no match for a background of {w} x {h} px; crop and scale both alike")
+        off = float(np.abs(picture.mean(axis=(0, 1)) - self.colour).max())
+        if off > FARTHEST_GREY:
+            message = (
+                f"an image whose colours are {off:.0f} grey levels off the background's on the mean, more than {FARTHEST_GREY:g}"
+            )
+            raise FrameError(f"{message}, is of another light or camera; take the background anew")
         # slopes of the pressed gel less those of the untouched one, negated: depth is minus the surface
         return integrated(self.untouched - slopes_of(picture, self.network), self.px_per_mm)
 
@@ -223,8 +235,10 @@ def make_reconstruction(background: npt.ArrayLike, network: Network, px_per_mm: 
     u_px, v_px = _read_scale(px_per_mm)
     if not isinstance(network, Network):
         raise SpecError(Problem("network", f"network = {shown(network)} is no network; give load_network(FILE.pth)"))
-    untouched = slopes_of(_checked(background, "background"), network)
-    return Reconstruction(network=network, untouched=untouched, px_per_mm=(u_px, v_px))
+    picture = _checked(background, "background")
+    colour = picture.mean(axis=(0, 1))
+    colour.setflags(write=False)
+    return Reconstruction(network=network, untouched=slopes_of(picture, network), colour=colour, px_per_mm=(u_px, v_px))
 
 
 def _read_scale(px_per_mm: object) -> tuple[float, float]:

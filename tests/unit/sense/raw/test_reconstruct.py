@@ -90,6 +90,14 @@ def test_what_is_pushed_in_is_larger_and_in_millimetres() -> None:
     assert image[22, 32, 0] < 128 < image[22, 48, 0]  # the gel's surface falls towards what is pressed in: negative on its left
 
 
+def test_a_background_of_another_light_is_refused() -> None:
+    """With one that is a third darker angles were off by ten of their standard deviations."""
+    layers, background = plain_network(), np.full((60, 90, 3), 128, dtype=np.uint8)
+    image = image_of(bump(), background, layers, SCALE[0])
+    with pytest.raises(FrameError, match=r"50 grey levels off .* more than 20, is of another light or camera; take"):
+        make_reconstruction(background - 50, make_network(layers), SCALE).depth(image)
+
+
 def test_what_the_untouched_gel_shows_is_taken_off() -> None:
     network = make_network(random_layers((5, 32, 32, 32, 2)))
     background = noise_image(24, 32)
@@ -341,9 +349,12 @@ def test_the_page_runs_as_it_stands(here: Path, raw: Taken, default_kit: Kit) ->
         (here / name).symlink_to(folder / name)
     (here / "tactape-s007").symlink_to(default_kit.path)
     blocks = re.findall(r"^```(sh|python)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    assert [language for language, _ in blocks] == ["sh", "python"]
+    assert [language for language, _ in blocks] == ["sh", "python", "python"]
     check(run(blocks[0][1].removeprefix("tactape-fab ") + " --json"), poses)
-    script = subprocess.run([sys.executable, "-c", blocks[1][1]], capture_output=True, encoding="utf-8", check=True)
+    script = subprocess.run(
+        [sys.executable, "-c", blocks[1][1] + blocks[2][1]], capture_output=True, encoding="utf-8", check=True
+    )
     np.testing.assert_allclose(ast.literal_eval(script.stdout), poses[0, :2], atol=0.02)
+    assert len(np.load("presses.npz")["depth"]) == len(poses)
     for picture_of_it in re.findall(r"!\[[^]]+\]\(([^)]+)\)", page):
         assert picture(Path(__file__).parents[4] / "docs" / picture_of_it).shape == (360, 1456, 3)
