@@ -42,6 +42,9 @@ contacts, alone and with a robot or a scan, the means of neighbouring parts are 
 _BLOCK = 32
 """Frames that one worker locates at a time."""
 
+_FRAMES = "frames_sha256"
+"""Key of a survey's entry in `source`: the digest of its frames, in whatever order."""
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -163,19 +166,24 @@ def _surveyed(
     shift = built.shift_mm * (1.0, -1.0)
     prior = Prior(shift_mm=shift.copy(), sigma_mm=_sigma_before(built.sigma_mm, before))
     count = sum(file.count for file in files)
-    contacts = _located({}, tape, ground, sensor, files, shift, progress, workers)
+    digests: set[bytes] = set()
+    contacts = _located({}, tape, ground, sensor, files, shift, progress, workers, digests)
+    same = sha256(b"".join(sorted(digests))).hexdigest()
+    if before is not None and any(entry.get(_FRAMES) == same for entry in before.source):
+        message = "the places that it starts from were surveyed of these very frames, which would count twice"
+        raise SpecError(Problem("frames", f"{message}; give new frames, or places of before"))
     _refuse_number(len(contacts), count)
     adjusted = adjust(list(contacts.values()), ground.nominal_mm, sensor, prior, robot)
     if len(contacts) < count:  # the places found locate more of them
-        known = _as_built(tape, manifest, adjusted, contacts.values(), before, count)
+        known = _as_built(tape, manifest, adjusted, contacts.values(), before, count, same)
         shift[adjusted.part] = adjusted.shift_mm
-        more = _located(contacts, replace(tape, as_built=known), ground, sensor, files, shift, progress, workers)
+        more = _located(contacts, replace(tape, as_built=known), ground, sensor, files, shift, progress, workers, set())
         if len(more) > len(contacts):
             contacts = more
             _refuse_number(len(contacts), count)
             adjusted = adjust(list(contacts.values()), ground.nominal_mm, sensor, prior, robot)
     return Survey(
-        as_built=_as_built(tape, manifest, adjusted, contacts.values(), before, count),
+        as_built=_as_built(tape, manifest, adjusted, contacts.values(), before, count, same),
         adjusted=adjusted,
         frames=count,
         contacts=len(contacts),
@@ -220,10 +228,14 @@ def _located(
     shift: FloatArray,
     progress: Progress,
     workers: Workers,
+    digests: set[bytes],
 ) -> dict[int, Contact]:
-    """Contacts by frame: those in `done`, and those of the other frames that are located."""
+    """Contacts by frame: those in `done`, and those of the other frames that are located.
+
+    digests: Empty; gets that of each frame.
+    """
     count, seen = sum(file.count for file in files), 0
-    frames = enumerate(_once(depth for file in files for depth in file.frames()))
+    frames = enumerate(_once((depth for file in files for depth in file.frames()), digests))
     blocks = iter(lambda: [(k, None if k in done else depth) for k, depth in islice(frames, _BLOCK)], [])
     found = dict(done)
     with closing(mapped(partial(_contacts, tape, ground, sensor, ground.nominal_mm + shift), blocks, workers)) as results:
@@ -234,9 +246,11 @@ def _located(
     return dict(sorted(found.items()))
 
 
-def _once(frames: Iterable[npt.NDArray[Any]]) -> Iterator[npt.NDArray[Any] | None]:
-    """Frames, with None for each exact repeat of an earlier one: its errors are the same, so it adds no information."""
-    before: set[bytes] = set()
+def _once(frames: Iterable[npt.NDArray[Any]], before: set[bytes]) -> Iterator[npt.NDArray[Any] | None]:
+    """Frames, with None for each exact repeat of an earlier one: its errors are the same, so it adds no information.
+
+    before: Digests of earlier frames; gets those of these.
+    """
     for depth in frames:
         # as the decoder reads them: a copy that was saved in another type is the same frame
         with np.errstate(over="ignore", invalid="ignore"):
@@ -256,7 +270,13 @@ def _contacts(
 
 
 def _as_built(
-    tape: Tape, manifest: Path, adjusted: Adjusted, contacts: Collection[Contact], before: AsBuilt | None, frames: int
+    tape: Tape,
+    manifest: Path,
+    adjusted: Adjusted,
+    contacts: Collection[Contact],
+    before: AsBuilt | None,
+    frames: int,
+    digest: str,
 ) -> AsBuilt:
     """The file's content: parts that were touched, those that are missing, and the rest of an earlier file."""
     n = tape.part_count
@@ -281,7 +301,7 @@ def _as_built(
     gone = _missing(contacts, at, n)
     listed[gone], present[gone], d[gone], sigma[gone], rotation[gone] = True, False, 0.0, 0.0, 0.0
     number = np.flatnonzero(listed) + 1
-    entry = {"kind": "survey", "frames": frames, "contacts": len(contacts), "drift_mm": round(drift_mm, 6)}
+    entry = {"kind": "survey", "frames": frames, "contacts": len(contacts), "drift_mm": round(drift_mm, 6), _FRAMES: digest}
     return AsBuilt(
         tape=tape.name,
         manifest_sha256=manifest_digest(manifest),

@@ -278,6 +278,14 @@ def test_no_file_of_measured_places_is_read_twice(tmp_path: Path) -> None:
     assert np.median(sigma(second)) < np.median(sigma(first))
 
 
+def test_the_frames_of_an_earlier_survey_are_refused_after_it(tmp_path: Path) -> None:
+    """In whatever order: their errors would count twice."""
+    _, learn, _ = pressed(40)
+    first = surveyed(tmp_path, learn).as_built
+    with pytest.raises(SpecError, match="surveyed of these very frames, which would count twice; give new frames"):
+        surveyed(tmp_path, learn[::-1], replace(small_tape(), as_built=first))
+
+
 def test_a_survey_that_is_continued_is_as_sure_as_it_is_right(tmp_path: Path) -> None:
     """What neighbours are wrong by together is no error of each: no number of parts makes it smaller, and no contact shows it."""
     truth, learn, _ = pressed(80)
