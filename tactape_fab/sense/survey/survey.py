@@ -171,7 +171,7 @@ def _surveyed(
     same = sha256(b"".join(sorted(digests))).hexdigest()
     if before is not None and any(entry.get(_FRAMES) == same for entry in before.source):
         message = "the places that it starts from were surveyed of these very frames, which would count twice"
-        raise SpecError(Problem("frames", f"{message}; give new frames, or places of before"))
+        raise SpecError(Problem("frames", f"{message}; give new frames alone"))
     _refuse_number(len(contacts), count)
     adjusted = adjust(list(contacts.values()), ground.nominal_mm, sensor, prior, robot)
     if len(contacts) < count:  # the places found locate more of them

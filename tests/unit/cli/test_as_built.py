@@ -133,7 +133,10 @@ def test_survey_writes_places_that_decode_takes(kit: Path) -> None:
     assert said["contacts"] == said["frames"] == 40
     assert said["scatter_mm"] == pytest.approx(0.05, rel=0.2)
     assert [fix["places"] for fix in fixes("frames.npz --tape kit")].count("as-built") >= 36
-    again = run("survey frames.npz --tape kit --from kit/as-built.json -o second.json")
+    same = run("survey frames.npz --tape kit --from kit/as-built.json -o second.json")
+    assert same.exit_code == 2 and "surveyed of these very frames" in same.stderr
+    run("simulate kit -o more.npz --count 40 --seed 5 --contact 12x12 --from as-built --as-built truth.json")
+    again = run("survey more.npz --tape kit --from kit/as-built.json -o second.json")
     assert again.exit_code == 0, again.stderr
     assert "40 of 40 frames located and used" in again.stdout
     assert [entry["kind"] for entry in AsBuilt.load("second.json").source] == ["survey", "survey"]
