@@ -301,8 +301,9 @@ def _tag(image: G, tape: Tape, bed: _Bed, scanner: Scanner) -> None:
     cell = tape.tag.cell_mm
     rows, cols, x, y = bed.window(np.array(tape.tag.center_mm), 8 * cell)
     ink = np.zeros(x.shape, dtype=np.float32)
+    half = cell / 2 + 0.01
     for r, c in zip(*np.nonzero(cells), strict=True):
-        ink = np.maximum(
-            ink, _edge(_box(x - (c - 4.5) * cell, y + (r - 4.5) * cell, cell / 2 + 0.01, cell / 2 + 0.01), scanner.blur_mm)
-        )
+        a, b = x - (c - 4.5) * cell, y + (r - 4.5) * cell
+        near = np.maximum(np.abs(a), np.abs(b)) < half + 8 * scanner.blur_mm  # beyond, the cover is 0
+        ink[near] = np.maximum(ink[near], _edge(_box(a[near], b[near], half, half), scanner.blur_mm))
     _over(image[rows, cols], np.ones(x.shape, dtype=bool), ink.ravel(), INK)
