@@ -82,6 +82,17 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def calling(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same of the program that calls another; each test writes the called one anew."""
+    folder = tmp_path_factory.mktemp("calling")
+    program = folder / "program.py"
+    program.write_text(CALLING, encoding="utf-8")
+    (folder / "called.py").write_text(CALLED, encoding="utf-8")
+    assert added(program, folder / "kept") == "12 0\n" and added(program, folder / "kept") == "12 1\n"
+    return folder
+
+
 @costly
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
 @pytest.mark.parametrize("content", [b"", b"cut off", "class of another version"])
@@ -109,13 +120,10 @@ def test_a_kept_kernel_that_cannot_be_read_is_compiled_anew(
     ],
 )
 def test_a_kernel_is_compiled_anew_where_what_it_calls_has_changed(
-    before: str, after: str, expected: int, tmp_path: Path
+    before: str, after: str, expected: int, calling: Path, tmp_path: Path
 ) -> None:
-    program, called, kept = tmp_path / "program.py", tmp_path / "called.py", tmp_path / "kept"
-    program.write_text(CALLING, encoding="utf-8")
-    called.write_text(CALLED, encoding="utf-8")
-    assert added(program, kept) == "12 0\n" and added(program, kept) == "12 1\n"
-    called.write_text(CALLED.replace(before, after), encoding="utf-8")
+    program, kept = calling / "program.py", Path(shutil.copytree(calling / "kept", tmp_path / "kept"))
+    (calling / "called.py").write_text(CALLED.replace(before, after), encoding="utf-8")
     assert added(program, kept) == f"{expected} 0\n" and added(program, kept) == f"{expected} 1\n"
 
 

@@ -345,7 +345,7 @@ def test_a_photograph_of_a_panel_is_inspected(panel_2: PanelKit, panel_scan: tup
 
 def test_tapes_that_are_turned_on_a_panel_are_found_beside_others(panel_packed: PanelKit, tmp_path: Path) -> None:
     """Of five sizes, four of them turned by a quarter, and two of these without a tag: their places say where they are."""
-    dpi, margin_mm = 800.0, 0.4
+    dpi, margin_mm = 600.0, 0.4
     placed = read_placed(Fields(read_any_manifest(panel_packed.path / "manifest.json")))
     tapes = [Tape.load((panel_packed.path / p.manifest).parent) for p in placed]
     assert {t.tag is None for p, t in zip(placed, tapes, strict=True) if p.rotation_deg == 90.0} == {True, False}
