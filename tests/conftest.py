@@ -134,12 +134,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session: pytest.Session) -> Iterator[None]:
-    """What is collected stays: looking for garbage in it, now or beside tests, takes each worker a second, and finds none."""
+    """What is collected stays: looking for garbage in it takes each worker a second, and finds none."""
     gc.disable()
     try:
         return (yield)
     finally:
-        gc.freeze()
         gc.enable()
 
 
