@@ -187,7 +187,7 @@ def _source(
         message = f"source {shown_path(given)} cannot be opened: it is no regular file, as a film is; {_SOURCES}"
         problems.append(Problem("source", message))
     if rate_hz is not None and not (film or plain):
-        message = f"rate = {shown(wishes.rate)} is for files of frames; other sources come when they come; leave it out"
+        message = f"rate = {shown(wishes.rate)} is for files of frames; other sources set their own pace; leave it out"
         problems.append(Problem("rate", message))
     if idle_s is not None and not folder:
         message = f"idle = {shown(wishes.idle)} is for folders, which nothing else tells when to stop; leave it out"

@@ -123,7 +123,7 @@ def survey_files(
     count = None if files is None else sum(file.count for file in files)
     robot = [] if poses is None else tried(lambda: _robot(poses, hand_eye, tape, count), problems)
     if tape is not None and tape.surface is not None:
-        message = f"{tape.name} is a texture on a part without a board, for which no file of places is; rely on its design"
+        message = f"{tape.name} is a texture on a part without a board, and no file of places is made for those; use its design"
         problems.append(Problem("tape", message))
     if files is not None and profile is not None:
         # the camera is one unknown of all contacts
