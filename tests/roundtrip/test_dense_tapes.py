@@ -1,4 +1,4 @@
-"""Denser tapes and smaller parts than the default: each goes through the whole chain, from the spec to located contacts."""
+"""Denser tapes and other parts than the default: each goes through the whole chain, from the spec to located contacts."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ TAPES: dict[str, dict[str, Any]] = {
     "r0201 1.39": {"pitch_mm": 1.39, "displacement_mm": 0.20},
     "r0201 1.28 gang": {"pitch_mm": 1.28, "displacement_mm": 0.20, "coverlay": "gang"},
     "r01005 0.9": {"pitch_mm": 0.9, "displacement_mm": 0.15, "part": "r01005"},
+    "r0402 1.83": {"pitch_mm": 1.83, "displacement_mm": 0.25, "part": "r0402"},
     "block 0.96": {"pitch_mm": 0.96, "displacement_mm": 0.16, "part": "block"},
     "block 1.06 of eight": {"pitch_mm": 1.06, "part": "block", "code": "touch-1", "directions": 8},
     "dome 0.95 of eight": {"pitch_mm": 0.95, "part": "dome", "body_mm": (0.4, 0.4, 0.18), "code": "touch-1", "directions": 8},
@@ -26,6 +27,9 @@ TAPES: dict[str, dict[str, Any]] = {
 }
 LESS_IMPRINTED = {"r01005 0.9": 0.07}
 """What is imprinted of a body of 0.13 mm, mm; of the others the default of a scene."""
+
+LARGER_CONTACTS_MM = {"r0402 1.83": 11.0}
+"""Contacts of tapes of so large a W, mm; 8 mm of the others."""
 
 WITH_EVERY_READER = ("r01005 0.9", "block 0.96")
 
@@ -48,7 +52,8 @@ def test_it_verifies(made: tuple[str, Kit]) -> None:
 @pytest.mark.parametrize("sensor", ["gelsight-mini", "digit"])
 def test_its_contacts_are_located(made: tuple[str, Kit], sensor: str) -> None:
     name, kit = made
-    scene = Scene(contact_mm=(8.0, 8.0), texture_mm=LESS_IMPRINTED.get(name, Scene().texture_mm))
+    contact_mm = LARGER_CONTACTS_MM.get(name, 8.0)
+    scene = Scene(contact_mm=(contact_mm, contact_mm), texture_mm=LESS_IMPRINTED.get(name, Scene().texture_mm))
     frames = simulate_frames(kit.tape, FRAMES, 5, sensor, scene)
     localizer = Localizer([kit.tape], sensor=sensor)
     for depth, true_mm in zip(frames.depth, frames.position_mm, strict=True):

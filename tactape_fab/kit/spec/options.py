@@ -80,7 +80,7 @@ def _meant(name: str, known: Sequence[str]) -> str:
         near = nearest(name, known)
         return "; give one of them" if near is None else f"; did you mean '{near}'?"
     chips = [other for other in known if _CHIP_SIZE.fullmatch(other)]
-    near = next((chip for chip in chips if chip[1:] == size[1]), None)
+    near = max((chip for chip in chips if chip[1:] == size[1]), default=None)  # of r0201 and c0201 the resistor
     return f"; did you mean '{near}'?" if near else f"; chips that come with it are {', '.join(chips)}" if chips else ""
 
 

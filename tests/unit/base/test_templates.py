@@ -79,7 +79,7 @@ def probe_installed(target: Path, cwd: Path) -> tuple[Path, Path]:
 def test_every_template_can_be_read_here() -> None:
     assert templates_folder().is_dir()
     assert "generic-fpc" in profile_names("fabs")
-    assert profile_names("parts") == ["block", "cone", "dome", "r01005", "r0201"]
+    assert profile_names("parts") == ["block", "c0201", "cone", "dome", "r01005", "r0201", "r0402"]
     assert profile_names("processes") == ["cnc", "fdm", "sla"]
 
 

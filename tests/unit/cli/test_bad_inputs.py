@@ -125,7 +125,7 @@ OPTIONS = [
     Case("make --sector 7 --tag-cell 0.1", USAGE, "0.1 mm", "below 0.3 mm", REMEDY),
     Case("make --sector 7 --tag-cell 6", USAGE, "6 mm", "exceeds 5 mm", REMEDY),
     # part, holes, corners, rotation, name
-    Case("make --sector 7 --part r9999", USAGE, "'r9999'", "none of: block, cone, dome, r01005, r0201", "path of a .toml file"),
+    Case("make --sector 7 --part r9999", USAGE, "'r9999'", "none of: block, c0201, cone, dome", "path of a .toml file"),
     Case("make --sector 7 --fab acme", USAGE, "'acme'", "none of: generic-fpc", "path of a .toml file"),
     Case("make --sector 7 --fab ../fabs/generic-fpc", USAGE, "'../fabs/generic-fpc'", "none of", "path of a .toml file"),
     Case("make --sector 7 --code qr", USAGE, "'qr'", "none of", "microdots-4x4, debruijn-4x4, anoto-6x6"),

@@ -194,7 +194,7 @@ def test_paste_leaves_an_aperture_of_enough_area(above: float, passed: bool) -> 
     finding = found({}, replace(FAB, stencil=rules))["paste-ratio"]
     assert finding.value == pytest.approx(area / walls) and finding.passed is passed
     assert ("with 0.1 mm foil; " in finding.message) is not passed
-    assert passed or finding.message.endswith("ask the fab, or write a profile of a part that fits")
+    assert passed or finding.message.endswith("; use --part r0402 --w 1.83 --delta 0.25")
 
 
 def test_a_part_with_more_paste_is_named() -> None:

@@ -268,8 +268,8 @@ def test_feet_of_a_texture_are_apart_and_within_their_cells() -> None:
 
 
 def test_parts_come_by_size_and_as_they_fit() -> None:
-    assert [part.name for part in film_parts(lambda _: True)] == ["r01005", "r0201"]
-    assert [part.name for part in film_parts(lambda part: part.body_mm[0] > 0.5)] == ["r0201"]
+    assert [part.name for part in film_parts(lambda _: True)] == ["r01005", "r0201", "c0201", "r0402"]
+    assert [part.name for part in film_parts(lambda part: part.body_mm[0] > 0.5)] == ["r0201", "c0201", "r0402"]
 
 
 def with_limit(rule: str, value_mm: float, fab: FabProfile = FAB) -> FabProfile:
@@ -292,7 +292,8 @@ def test_one_opening_for_all_parts_is_a_way_out_of_small_ones() -> None:
     assert opening_words(small.but(anchor="spur"), FAB, 0.5).startswith("use --part r0201")
     rigid = replace(FAB, coverlay_modes=("per-part",))
     assert opening_words(small, rigid, 0.5) == "use --part r0201"
-    assert opening_words(small, rigid, 0.51) == "ask the fab, or write a profile of a part with wider pads"
+    assert opening_words(small, rigid, 0.51).startswith("use --part r0402 --w ")
+    assert opening_words(small, rigid, 0.75) == "ask the fab, or write a profile of a part with wider pads"
 
 
 def test_another_part_is_one_that_fits_at_a_w_that_it_needs() -> None:
@@ -304,4 +305,5 @@ def test_another_part_is_one_that_fits_at_a_w_that_it_needs() -> None:
     (smallest, *_) = film_parts(larger)
     assert part_words(small, FAB, larger, "that fits") == f"use --part {smallest.name} {options}"
     assert part_words(small, FAB.in_mode("gang"), larger, "that fits") != f"use --part {smallest.name} {options}"
-    assert part_words(SPEC, FAB, larger, "that fits") == "ask the fab, or write a profile of a part that fits"
+    assert part_words(SPEC, FAB, larger, "that fits") == "use --part c0201"
+    assert part_words(SPEC, FAB, lambda part: part.body_mm[0] > 1.0, "that fits").startswith("ask the fab, or write a profile")
