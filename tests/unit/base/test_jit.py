@@ -87,6 +87,7 @@ def test_every_kernel_says_whether_numbers_may_be_reordered() -> None:
     assert kth.select.targetoptions["fastmath"] is False  # its callers have both
 
 
+@costly
 @pytest.mark.skipif(not jit.KEPT, reason="nothing is compiled, or kept")
 @pytest.mark.parametrize(("name", "value"), [("XDG_CACHE_HOME", ""), ("XDG_CACHE_HOME", "cache"), ("NUMBA_CACHE_DIR", "cache")])
 def test_no_kernel_is_kept_in_the_current_folder(name: str, value: str, tmp_path: Path) -> None:

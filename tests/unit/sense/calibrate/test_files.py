@@ -17,6 +17,7 @@ from tactape_fab.sense import Calibration, calibrate_sensor, load_sensor
 from tactape_fab.sense.calibrate.files import MARK, checked_output, write_profile
 from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals, write_pictures
 from tactape_fab.sense.calibrate.posedness import empty_corners
+from tests.thorough import costly
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
 
 
@@ -45,6 +46,7 @@ def test_the_profile_is_read_back_as_it_was_found(tmp_path: Path) -> None:
     json.dumps(found.to_mapping(), allow_nan=False)
 
 
+@costly
 @pytest.mark.parametrize("most", [100, 60_000])
 def test_frames_of_whole_numbers_make_a_profile_that_is_read_back(most: int, tmp_path: Path) -> None:
     low, high = (float(end([end(frame) for frame in presses(7).frames])) for end in (np.min, np.max))

@@ -98,6 +98,7 @@ def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
     assert np.abs(off[:2, 3]).max() < 0.2
 
 
+@costly
 @pytest.mark.parametrize("tilt_rad", [0.0, 0.0015])
 def test_tilts_that_are_the_arm_s_own_errors_do_not_tell_the_reach(tilt_rad: float) -> None:
     """They draw it to the flange, by all of its 80 mm or some of them, and leave nothing over."""
@@ -173,6 +174,7 @@ def test_poses_that_do_not_fit_the_presses_are_refused(wrong: str) -> None:
         solved_again(changed)
 
 
+@costly
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_poses_of_a_mirrored_base_are_named(axis: int) -> None:
     """They fit as exactly as the true ones: only that the sensor looks back to the flange gives them away."""
@@ -201,6 +203,7 @@ def off_by(frame: int, *motion: float) -> list[ArmPose]:
     return [replace(p, flange_to_base=moved) if p.frame == frame else p for p in poses]
 
 
+@costly
 @pytest.mark.parametrize("motion", [(2.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.1)])
 def test_a_pose_that_all_others_contradict_is_left_out_and_named(motion: tuple[float, ...]) -> None:
     found = solved_again(off_by(4, *motion))
@@ -219,6 +222,7 @@ def test_a_pose_tilted_too_far_does_not_say_how_far_the_sensor_reaches() -> None
     assert abs(off_mm) < 4.0 * np.sqrt(found.covariance[2, 2]) < 10.0
 
 
+@costly
 @pytest.mark.parametrize("frames", [(7, 6), (5, 0)])
 def test_two_poses_that_hide_each_other_are_left_out(frames: tuple[int, int]) -> None:
     """The flange's frame was turned at both, by 4 deg as of a loose tool: with them the reach is 40 mm off and more."""

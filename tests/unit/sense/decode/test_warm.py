@@ -16,7 +16,7 @@ from tactape_fab.sense import simulate
 from tactape_fab.sense.decode import warm
 from tactape_fab.sense.decode.result import Refined
 from tests.contacts import POSE, tape_of
-from tests.thorough import only_thorough
+from tests.thorough import costly, only_thorough
 
 PROGRAM = """
 import sys
@@ -110,6 +110,7 @@ def taken_by_kernels() -> list[str]:
     return sorted(f"{each.__module__}.{each.__qualname__}" for each in kernels.values() for _ in each.overloads)
 
 
+@costly
 @pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
 @pytest.mark.parametrize("refine", ["dots", "pixels"])
 def test_no_frame_waits_in_a_process_that_a_localizer_was_sent_to(refine: Refined) -> None:

@@ -20,6 +20,7 @@ from tactape_fab.sense.inspect import scan_files
 from tactape_fab.sense.inspect.colours import learn_palette
 from tactape_fab.sense.inspect.warp import affine_warp
 from tests.scans import Picture
+from tests.thorough import costly
 from tests.unit.sense.inspect.conftest import Scanned, write
 
 
@@ -128,6 +129,7 @@ def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
+@costly
 @pytest.mark.parametrize("case", BAD)
 def test_bad_scans_are_refused_in_words(scanned: Scanned, others: dict[str, Path], tmp_path: Path, case: str) -> None:
     made, kit, dpi, words = BAD[case]

@@ -24,7 +24,7 @@ from tactape_fab.texture.manifest import read_any_manifest
 from tactape_fab.texture.panel_manifest import read_placed
 from tests import scans
 from tests.scans import Built, Picture, Scanner, assembled, scan
-from tests.thorough import only_thorough
+from tests.thorough import costly, only_thorough
 from tests.unit.sense.inspect.conftest import MISSING, SHIFTED, TOMBSTONED, TURNED, Scanned, write
 
 
@@ -110,6 +110,7 @@ def test_turns_of_several_scans_are_averaged_as_axes(turns_deg: tuple[float, ...
     assert np.allclose(found.sigma_mm, np.hypot(0.01, DRIFT_MM))
 
 
+@costly
 @pytest.mark.parametrize(("dpi", "scanned_deg"), [(600.0, 0.7), (800.0, 90.0)])
 def test_parts_that_lie_across_are_turned_whatever_the_scan_s_resolution(
     dpi: float, scanned_deg: float, kit_40: Kit, tmp_path: Path
@@ -146,6 +147,7 @@ def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_
     assert [found.kind for found in one.deviations()] == ["missing"] * 5
 
 
+@costly
 @pytest.mark.parametrize(
     ("film", "opening"), [((28, 92, 48), (150, 140, 90)), ((30, 60, 130), (150, 140, 90)), ((70, 70, 72), (160, 145, 95))]
 )
@@ -203,6 +205,7 @@ def test_a_tag_whose_ink_has_spread_leaves_the_parts_to_be_read_at_the_given_dpi
     assert one.scans[0].found_by == "code" and rms(errors_um(one, built)) < 6.0
 
 
+@costly
 @pytest.mark.parametrize(("off_mm", "file"), [((0.06, -0.06), "scan.png"), ((0.0, 0.0), "scan.jpg")])
 def test_metal_beside_bodies_is_not_taken_for_them(off_mm: tuple[float, float], file: str, kit_40: Kit, tmp_path: Path) -> None:
     """Bodies that are all off across leave their lands bare on one side; colours of a JPEG are of half the size."""
@@ -269,6 +272,7 @@ def test_scatter_of_the_parts_makes_no_photograph_of_a_scan(kit_40: Kit, tmp_pat
     assert one.scans[0].growth is None and np.abs(errors_um(one, built).mean(axis=0)).max() < 4.0
 
 
+@costly
 @pytest.mark.parametrize("photo", [False, True])
 def test_what_a_photograph_loses_of_all_parts_together_is_their_drift(photo: bool, scanned: Scanned) -> None:
     """Of n parts that scatter by s the mean is off by s / sqrt(n), and the growth moves the mean part by half of that square."""

@@ -349,6 +349,7 @@ NEVER_ENDS = f"""
 """Sees that it has a limit, and shortens it, for the time that takes."""
 
 
+@costly
 @pytest.mark.parametrize(
     ("deed", "says"),
     [("os.kill(os.getpid(), 11)", "ends its process"), (NEVER_ENDS, "takes too long")],
