@@ -69,6 +69,7 @@ def run(arguments: str) -> tuple[int, list[str]]:
 CASES: list[tuple[str, int, str]] = [
     ("--sector 7 --panel 3x6", USAGE, "panel = 3x6 .* is 318 x 324 mm, but assembly .* to 250 x 250 mm.*; use --panel 2x4"),
     ("--sectors 3,9 --panel 2x1 --size 40x24", USAGE, "panel = 2x1 .* 96 x 38 mm.*; use --panel 2x3, and name 6 sectors$"),
+    ("--sectors 1-6 --panel 1x6", USAGE, "panel = 1x6 .*; use --panel 2x3$"),
     ("--sector 7 --panel 1x1", USAGE, "panel = 1x1 .* is 114 x 64 mm, but .* takes 70 x 70 .*; use --panel 1x2"),
     (
         "--sector 7 --panel auto --size 300x100",

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 import shapely
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.panel_drawing import slots_mm
-from tactape_fab.kit.panel.tabs_and_marks import plan_panel
+from tactape_fab.kit.panel.tabs_and_marks import plan_packed, plan_panel
 from tactape_fab.kit.profiles import FabProfile, load_fab
 
 FAB = load_fab("jlcpcb-fpc")
@@ -36,11 +35,10 @@ def test_the_upper_left_tape_is_the_first() -> None:
     assert panel().size_mm == (136.0, 96.0)
 
 
-def test_one_fiducial_of_four_is_shifted() -> None:
-    marks = np.array(panel().fiducials_mm)
-    from_corner = np.minimum(marks, np.array(panel().size_mm) - marks)
-    assert from_corner[:, 1].tolist() == [2.5] * 4
-    assert sorted(from_corner[:, 0].tolist()) == [6.0, 6.0, 6.0, 11.0]
+def test_marks_are_in_the_middle_of_the_rails_and_the_last_fiducial_is_shifted() -> None:
+    made, across = plan_panel((60.0, 40.0), 1.0, (2, 2), "auto", with_rules(tooling_holes=4)), FAB.panel.tooling_hole_mm
+    assert made.fiducials_mm == ((6.0, 2.5), (130.0, 2.5), (6.0, 93.5), (125.0, 93.5))
+    assert made.tooling_holes_mm == tuple((x, y, across) for x, y in ((2.5, 2.5), (133.5, 93.5), (133.5, 2.5), (2.5, 93.5)))
 
 
 @pytest.mark.parametrize("fiducials", [0, 1, 2, 3, 4])
@@ -56,8 +54,19 @@ def test_as_many_marks_and_holes_as_the_profile_asks_for(fiducials: int, holes: 
 
 
 def test_marks_without_room_are_refused() -> None:
-    with pytest.raises(SpecError, match="two fiducials of its rails, one of them shifted by 60 mm, need"):
-        plan_panel((60.0, 40.0), 1.0, (1, 2), "auto", with_rules(fiducial_shift_mm=60.0))
+    """Each half of a rail of 74 mm has its mark 6 mm from the side, the shift, and half an opening."""
+    shift_mm = 74.0 / 2 - 6.0 - FAB.panel.fiducial_opening_mm / 2
+    plan_panel((60.0, 40.0), 1.0, (1, 2), "auto", with_rules(fiducial_shift_mm=shift_mm))
+    with pytest.raises(SpecError, match=r"two fiducials of its rails, one of them shifted by .* mm, need 74\.2 mm"):
+        plan_panel((60.0, 40.0), 1.0, (1, 2), "auto", with_rules(fiducial_shift_mm=shift_mm + 0.1))
+    plan_panel((60.0, 40.0), 1.0, (1, 2), "auto", with_rules(fiducial_shift_mm=shift_mm + 0.1, fiducials=0))
+
+
+def test_tabs_of_a_packed_tape_are_on_its_sides_as_placed() -> None:
+    tape = ((101.0, 50.0), 1.0)
+    made = plan_packed((130.0, 230.0), [tape, tape], [((10.0, 10.0), False), ((70.0, 80.0), True)], FAB)
+    flat, turned = made.places
+    assert (flat.tabs_x, flat.tabs_y) == (turned.tabs_y, turned.tabs_x) == (2, 5)
 
 
 # What is cut out
