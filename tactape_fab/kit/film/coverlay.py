@@ -111,25 +111,16 @@ def _through_sides(d: FloatArray, e: FloatArray, a: float, b: float, radius_mm: 
 
 
 def _through_corners(d: FloatArray, e: FloatArray, half_mm: tuple[float, float], radius_mm: float) -> float:
-    """Largest pitch t at which a line e + t d meets one of the round corners, -inf if none does."""
+    """Largest pitch t at which a line e + t d leaves the circle of a corner, -inf if it meets none."""
     # |f + t d|^2 = radius^2 with f = e - corner: dd t^2 + 2 df t + ff = 0,
     # whose larger root is where the line leaves the circle; shapes (4, m)
-    (a, b), f = half_mm, e - (_SIGNS * half_mm)[:, None]
+    f = e - (_SIGNS * half_mm)[:, None]
     x, y = d.T
     # sums of two terms are written out, as numpy's sum over so short an axis takes three times as long
     dd, df, ff = x * x + y * y, x * f[..., 0] + y * f[..., 1], f[..., 0] ** 2 + f[..., 1] ** 2 - radius_mm**2
     t = (-df + np.sqrt(df * df - dd * ff)) / dd
-    along, across = e[:, 0] + t * x, e[:, 1] + t * y
-    # only the quarter of each circle that faces outward is part of the boundary; if a root is on another quarter the line
-    # leaves through a side, which `_through_sides` finds
-    outward = (_outward(along, _SIGNS[:, :1], a) >= a - 1e-12) & (_outward(across, _SIGNS[:, 1:], b) >= b - 1e-12)
-    return float(np.max(t, where=np.isfinite(t) & outward, initial=-np.inf))
-
-
-def _outward(at: FloatArray, sign: FloatArray, half_mm: float) -> FloatArray:
-    """Coordinates towards the side of a box on which a corner is; for a box of no width, the distance from its middle."""
-    # the two corners of a box of no width coincide, and their quarter circles form a half circle
-    return np.abs(at) if half_mm == 0.0 else at * sign
+    # a root on a quarter of the circle inside the box is no larger than where the line leaves the box, which is convex
+    return float(np.max(t, where=np.isfinite(t), initial=-np.inf))
 
 
 def whole_um_up(pitch_mm: float) -> float:
