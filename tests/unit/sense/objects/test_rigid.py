@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tactape_fab.base.errors import SpecError
+from tactape_fab.sense.geometry import from_quaternion
+from tactape_fab.sense.objects.mount import Mount
 from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
+from tactape_fab.texture.frames import FloatArray
 
 RNG = np.random.default_rng(5)
 SHIFT_MM = np.array([1.0, 2.0, 3.0])
@@ -25,7 +29,7 @@ def test_quaternions_are_scipy_s_near_half_turns_too(turn_deg: float) -> None:
         found, expected = np.array(to_quaternion(rotation.as_matrix())), rotation.as_quat()
         assert np.linalg.norm(found) == pytest.approx(1.0) and found[3] >= 0.0
         assert abs(found @ expected) == pytest.approx(1.0, abs=1e-12)
-        np.testing.assert_allclose(Rotation.from_quat(found).as_matrix(), rotation.as_matrix(), atol=1e-9)
+        np.testing.assert_allclose(from_quaternion(3.0 * found), rotation.as_matrix(), atol=1e-9)
 
 
 @pytest.mark.parametrize("flat", [False, True])
@@ -40,3 +44,9 @@ def test_points_are_fitted_by_a_rotation_never_by_a_reflection(flat: bool) -> No
         assert 5e-4 < rms < 3e-3
     mirrored = points * [1.0, 1.0, -1.0]
     assert np.linalg.det(fit_rigid(points, mirrored)[0]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("matrix", [np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3), np.eye(3) + 1e-3])
+def test_a_mount_takes_no_reflection_and_no_scale(matrix: FloatArray) -> None:
+    with pytest.raises(SpecError, match=r"is no rotation; give a rotation matrix \(3, 3\)"):
+        Mount(surface="plane", rotation=matrix, position_mm=np.zeros(3))
