@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import radians
 
 import numpy as np
@@ -219,6 +219,12 @@ def test_what_moved_is_told_where_it_can_be() -> None:
     bent = slip_of(still, still, still, known, changed(0.4, shear=0.02))
     assert bent.cause == "shear" and bent.strain == (0.0, 0.02) and bent.strain_sigma == pytest.approx((0.001, 0.001))
     assert slip_of(still, still, still, Motion(), changed(0.0, shear=0.01)).cause is None  # below 6 times its floor
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Motion)])
+def test_a_motion_that_cannot_be_is_refused(name: str) -> None:
+    with pytest.raises(SpecError, match=rf"^{name} = -1"):
+        Motion(**{name: -1})
 
 
 # Simulated sequences
