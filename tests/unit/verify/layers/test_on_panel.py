@@ -98,6 +98,14 @@ def test_attributes_of_parts_are_of_the_tape_alone(which: int) -> None:
     assert found.count(b"%TO.C,R") == ON[which].tape.part_count
 
 
+@pytest.mark.parametrize(("on_panel", "own"), [(b"100", b"10"), (b"30", b"300"), (b"x", b"x")])
+def test_a_wrong_rotation_stays_wrong(on_panel: bytes, own: bytes) -> None:
+    data = render_components(DRAWING, FAB)[0].data
+    assert data.count(b"TO.CRot,135*") == 1
+    found = part_data_of_tape(data.replace(b"TO.CRot,135*", b"TO.CRot,%s*" % on_panel), ON[1])
+    assert dict(PART_DATA.findall(found))[b"Rot"] == own
+
+
 def test_points_go_to_the_panel_and_back() -> None:
     corners = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0)])
     expected = [(60.0, 8.0), (60.0, 38.0), (40.0, 38.0), (40.0, 8.0)]
