@@ -74,5 +74,6 @@ def template(name: str) -> Any:
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=True,
+        optimized=False,  # folding constants takes longer than it saves in one page
     )
     return environment.get_template(name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import ceil, erfc, pi, sin, sqrt
-from statistics import NormalDist
 
 PLACEMENT_MM = 0.05
 """Assumed standard deviation of a placed part along each axis, mm; not a fab's figure. Printed elements have none."""
@@ -27,6 +26,8 @@ def symbol_errors(displacement_mm: float) -> float:
 
 def least_displacement_mm() -> float:
     """Least displacement, in whole hundredths of a millimetre, at which at most `MOST_SYMBOL_ERRORS` of the symbols are wrong."""
+    from statistics import NormalDist  # imported here: it loads decimals and fractions
+
     # the same equation solved for h, with MOST_SYMBOL_ERRORS in both tails together
     scatters = NormalDist().inv_cdf(1.0 - MOST_SYMBOL_ERRORS / 2.0)
     return ceil(100.0 * scatters * PLACEMENT_MM / _HALF_STEP) / 100.0
