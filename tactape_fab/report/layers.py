@@ -141,7 +141,7 @@ def solid_shapes(tape: Tape) -> Iterator[Shapes]:
 
 def _lines(layer: str, colour: str, content: GerberShapes) -> Iterator[Shapes]:
     """Lines of a layer, grouped by width."""
-    for width_mm in np.unique(content.stroke_width_mm).tolist():
+    for width_mm in sorted(set(content.stroke_width_mm.tolist())):
         drawn = [content.strokes_mm[i] for i in np.flatnonzero(content.stroke_width_mm == width_mm)]
         yield Shapes(layer=layer, stroke=colour, stroke_mm=width_mm, lines=drawn)
 
@@ -149,7 +149,7 @@ def _lines(layer: str, colour: str, content: GerberShapes) -> Iterator[Shapes]:
 def _turned(outline: FloatArray, cpl: CplContent) -> Iterator[Stamp]:
     """An outline at every part, turned by the rotation in its CPL row."""
     # one stamp if all parts have the same rotation, so that their places are sent once
-    angles = np.unique(cpl.rotation_deg).tolist()
+    angles = sorted(set(cpl.rotation_deg.tolist()))
     for angle in angles:
         yield rotate(outline, angle), None if len(angles) == 1 else cpl.xy_mm[cpl.rotation_deg == angle]
 

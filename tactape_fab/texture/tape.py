@@ -340,6 +340,6 @@ def _read_omitted(table: Fields, rows: int, columns: int) -> IntArray:
         raise SpecError([*table.problems, Problem("omitted", "omitted is not a list of [column, row] inside the grid")])
     omitted = np.array(entries, dtype=np.int64).reshape(-1, 2)
     # a point listed twice is one point in the mask, but two in `part_count`
-    if len(np.unique(omitted, axis=0)) != len(omitted):
+    if len(set(map(tuple, omitted.tolist()))) != len(omitted):
         raise SpecError(Problem("omitted", "omitted names a grid point twice"))
     return omitted

@@ -92,10 +92,10 @@ def placements_problem(svg: bytes, shown: Pictured) -> str | None:
     x, y, wide, high = (float(value) / _UNITS_PER_MM for value in view.groups())
     inside = ((shown.xy_mm > (x, -y - high)) & (shown.xy_mm < (x + wide, -y))).all(axis=1)
     numbers = np.array([int(part[-1]) - 1 for part in found])
-    missing = np.setdiff1d(np.flatnonzero(inside), numbers)
-    if len(missing):
-        return f"the preview of placements lacks {named([f'R{i + 1}' for i in missing.tolist()])}"
-    if numbers[0] or numbers.min() < 0 or numbers.max() >= len(shown.xy_mm) or len(np.unique(numbers)) < len(numbers):
+    missing = sorted({*np.flatnonzero(inside).tolist()}.difference(numbers.tolist()))
+    if missing:
+        return f"the preview of placements lacks {named([f'R{i + 1}' for i in missing])}"
+    if numbers[0] or numbers.min() < 0 or numbers.max() >= len(shown.xy_mm) or len(set(numbers.tolist())) < len(numbers):
         return "the preview of placements does not begin with R1, has a part twice, or one that is not there"
     corners = np.stack([shown.at(*corner)[numbers] for corner in ((0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5))], axis=1)
     values = [[*part[0].replace(b",", b" ").split(), *part[1:5]] for part in found]

@@ -339,7 +339,7 @@ def _split_closed(begins: BoolArray, ends: FloatArray) -> None:
     run = np.cumsum(begins) - 1
     goes_on = ~np.append(begins[1:], True)
     # only the few runs that return to their start and continue, so that the loop in Python is short
-    suspects = np.unique(run[goes_on & (ends[:, 2:] == ends[first[run], :2]).all(axis=1)])
+    suspects = sorted({*run[goes_on & (ends[:, 2:] == ends[first[run], :2]).all(axis=1)].tolist()})
     for since, after in zip(first[suspects].tolist(), np.append(first[1:], len(begins))[suspects].tolist(), strict=True):
         start = since
         for i in range(since, after - 1):

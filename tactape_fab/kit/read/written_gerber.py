@@ -239,7 +239,7 @@ class _Reader:
             right = np.searchsorted(self.begins, [found.start() for found in _ATTRIBUTE.finditer(self.data)])
             raise self.fail(int(np.setdiff1d(np.flatnonzero(self.is_attribute), right)[0]), _FOREIGN)
         # first bytes of all attribute lines: '%' or 'G'
-        if len(np.unique(self.text[self.begins[self.is_attribute]])) > 1:
+        if len(set(self.text[self.begins[self.is_attribute]].tobytes())) > 1:
             raise FormError("its attributes are written in two ways, as statements and as comments")
         found = [(match.start(), match[1]) for match in _FILE_ATTRIBUTE.finditer(self.data)]
         # .MD5 is the last line but one, before M02 (5.6.9), and not part of the header
@@ -344,7 +344,7 @@ class _Reader:
             for row, i in zip(rows.tolist(), self.point_lines[p:q][moved][drawn].tolist(), strict=True):
                 self.drawn.arcs.append((*row[:4], *self.centres[i], row[4], self.line_count))
             return
-        for number in np.unique(rows[:, 4]).tolist():
+        for number in sorted(set(rows[:, 4].tolist())):
             if self.drawn.apertures[number][0] != "C":
                 self._refuse(p, draws & (aperture == number), "draws with an aperture that is not round")
         self.lines.append(rows)

@@ -84,10 +84,10 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
     cpl = read_cpl(files["cpl"])
     bodies, terminals = [], []
     body = body_outline(files["components-top"])
-    for angle in np.unique(cpl.rotation_deg):
+    for angle in sorted(set(cpl.rotation_deg.tolist())):
         xy = cpl.xy_mm[cpl.rotation_deg == angle]
-        bodies.append((rotate(body, float(angle)), xy))
-        terminals += [(rotate(end, float(angle)), xy) for end in terminals_of(body)]
+        bodies.append((rotate(body, angle), xy))
+        terminals += [(rotate(end, angle), xy) for end in terminals_of(body)]
     shapes.append(_Shapes(name="bodies", colour=BODY, stamps=tuple(bodies)))
     shapes.append(_Shapes(name="terminals", colour=TERMINAL, stamps=tuple(terminals)))
     if "drill-npth" in files:

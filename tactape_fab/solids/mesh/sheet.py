@@ -70,7 +70,7 @@ class _Builder:
         last_i, last_j = len(lattice.a_mm) - 2, len(lattice.b_mm) - 2
         # cells of one symbol are congruent except the outermost ones, which may be narrower: symbol and four flags
         kind = (((symbols * 2 + (i == 0)) * 2 + (i == last_i)) * 2 + (j == 0)) * 2 + (j == last_j)
-        alike = [whole[kind[whole] == key] for key in np.unique(kind[whole]).tolist()]
+        alike = [whole[kind[whole] == key] for key in sorted(set(kind[whole].tolist()))]
         sides = [self._sides(int(parts[0])) for parts in alike]
         radius_mm = None if self._wrap is None else self._wrap.radius_mm
         shells = element_shells(self._part, [t[1:-1] for t in sides], radius_mm) if sides else []
@@ -284,7 +284,7 @@ class _Builder:
             # -1 - k becomes own + k
             np.subtract(own - 1, ids, out=ids, where=ids < 0)
             # lattice points inside cells that are not whole belong to no triangle
-            used[ids[:, np.unique(triangles)]] = True
+            used[ids[:, [*set(triangles.ravel().tolist())]]] = True
         number = np.cumsum(used) - 1
         faces = np.empty((sum(len(ids) * len(triangles) for ids, triangles in copies), 3), dtype=np.int64)
         end = 0

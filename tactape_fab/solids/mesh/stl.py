@@ -141,7 +141,7 @@ def mesh_problems(mesh: Mesh) -> list[str]:
 
 def body_count(mesh: Mesh) -> int:
     """Number of bodies, connected through vertices."""
-    return len(np.unique(patches(mesh.faces, len(mesh.vertices_mm))[mesh.faces]))
+    return int(np.count_nonzero(np.bincount(patches(mesh.faces, len(mesh.vertices_mm))[mesh.faces].ravel())))
 
 
 def patches(faces: IntArray, count: int) -> IntArray:

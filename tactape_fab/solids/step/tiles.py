@@ -348,7 +348,7 @@ class _Finder:
 
         cells = self._cells(xy_mm)
         found: IntArray = self._only[cells]
-        for cell in np.unique(cells[found < 0]).tolist():
+        for cell in sorted(set(cells[found < 0].tolist())):
             here = np.flatnonzero(cells == cell)
             tiles = self._tiles[cell]
             points = shapely.points(xy_mm[here])

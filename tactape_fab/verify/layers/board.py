@@ -99,8 +99,8 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
     checks = []
     half = np.array(tape.part.body_mm[:2]) / 2
     bodies = [
-        outermost(cpl.xy_mm[cpl.rotation_deg == angle], rotate(half * _CORNERS, float(angle)), tape)
-        for angle in np.unique(cpl.rotation_deg)
+        outermost(cpl.xy_mm[cpl.rotation_deg == angle], rotate(half * _CORNERS, angle), tape)
+        for angle in sorted(set(cpl.rotation_deg.tolist()))
     ]
     cases = [(role, drawn(layers[role]), 0.0) for role in ("coverlay-top", "paste-top", "legend-top") if role in layers]
     cases.insert(0, ("copper-top", drawn(layers["copper-top"]), recorded.pad_edge_mm))

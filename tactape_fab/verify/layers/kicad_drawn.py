@@ -201,7 +201,7 @@ def _openings(
         (x0, y0), (x1, y1) = values(item, "start"), values(item, "end")
         # y is flipped before the rotation, which is counter-clockwise on the board
         local, rows = np.array([(x0, -y0), (x1, -y0), (x1, -y1), (x0, -y1)]), np.array(places)
-        for turn_deg in np.unique(rows[:, 2]).tolist():
+        for turn_deg in sorted(set(rows[:, 2].tolist())):
             xy = rows[rows[:, 2] == turn_deg, :2]
             corners.append((xy[:, None] + rotate(local, turn_deg)).reshape(-1, 2))
             count += len(xy)

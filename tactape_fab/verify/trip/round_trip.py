@@ -308,7 +308,7 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
             else f"none of {count} contacts shows enough to be located; see what a larger one does with --contact AxB"
         )
         return Check(name=name, passed=False, warning=True, message=message, figure=0.0)
-    p50, p95, p99 = np.percentile(trip.error_um[trip.outcome == RIGHT], [50, 95, 99])
+    p50, p95, p99 = np.interp([0.5, 0.95, 0.99], np.linspace(0.0, 1.0, right), np.sort(trip.error_um[trip.outcome == RIGHT]))
     said = (
         (LIMITED, "shows too little to be located"),
         (NOISY, "not located in the sensor's noise"),

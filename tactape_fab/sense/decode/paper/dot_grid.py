@@ -101,7 +101,7 @@ def equidistant(values: Values, near_px: float, delta_px: float) -> int | None:
     """
     fits = _is_delta(np.diff(values.value), delta_px)
     # gap k is from value k to k + 1: of gaps k and k + 1 that are both a delta the value between is k + 1
-    centre = np.intersect1d(fits, fits - 1) + 1
+    centre = np.intersect1d(fits, fits - 1, assume_unique=True) + 1
     return int(centre[np.abs(values.value[centre] - near_px).argmin()]) if len(centre) else None
 
 
