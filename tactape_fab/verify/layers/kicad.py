@@ -18,7 +18,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.film_layers import without_counterpart
-from tactape_fab.verify.layers.kicad_drawn import At, Made, child, drawn_problems, layer_of, rules_problems, values
+from tactape_fab.verify.layers.kicad_drawn import Alike, At, Made, child, drawn_problems, layer_of, rules_problems, values
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded
 
 _IDENTIFIERS = ("tstamp", "uuid")
@@ -63,12 +63,13 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Board:
-    """The s-expression lists of a board by kind, its lower-left corner on the sheet, and the footprints' places, mm."""
+    """The s-expression lists of a board by kind, its lower-left corner on the sheet, and its footprints with their places, mm."""
 
     lists: dict[str, list[Tree]]
     origin_mm: tuple[float, float]
     at: dict[str, At]
-    pads: dict[str, list[Tree]]
+    alike: Sequence[Alike]
+    pads: Mapping[str, Sequence[Tree]]
 
 
 def sides_of(size_mm: tuple[float, float], corner_radius_mm: float) -> int:
@@ -102,7 +103,7 @@ def check_kicad(files: Mapping[str, WrittenFile], shown: Shown, made: Made) -> l
             *_fiducials(found, shown),
             *_tracks(found, shown),
             *_unexpected(found),
-            *drawn_problems(found.lists, found.at, np.array(found.origin_mm), np.array(shown.fiducials_mm).reshape(-1, 2), made),
+            *drawn_problems(found.lists, found.alike, found.at, np.array(found.origin_mm), shown.fiducials_mm, made),
             *rules_problems(files["kicad-project"].data, made.record.limits_mm, shown.track_width_mm),
         ]
     except (ReadbackError, ValueError, TypeError, IndexError) as error:
@@ -127,15 +128,24 @@ def _read_board(tree: Tree) -> _Board:
     (setup,) = lists.get("setup", [()])
     x0_mm, y0_mm = values(setup, "aux_axis_origin")
     at: dict[str, At] = {}
-    pads: dict[str, list[Tree]] = {}
+    alike: dict[tuple[object, ...], Alike] = {}
     for footprint in lists.get("footprint", []):
-        children = [child for child in footprint if isinstance(child, tuple)]
-        (name,) = (str(child[2]) for child in children if child[:2] == ("fp_text", "reference"))
-        x_mm, y_mm, *turn_deg = values(children, "at")
+        own: list[Tree] = []
+        others: list[Tree] = []
+        for item in footprint[2:]:
+            differs = item[0] == "at" or (item[0] == "fp_text" and item[1] == "reference")
+            (own if differs else others).append(item)  # type: ignore[arg-type]
+        ((name, words),) = ((str(item[2]), item[3:]) for item in own if item[0] == "fp_text")
+        x_mm, y_mm, *turn_deg = values(own, "at")
         # y of a sheet points down; the auxiliary origin is the board's lower left corner. Angles are counter-clockwise in both
         at[name] = (x_mm - x0_mm, y0_mm - y_mm, turn_deg[0] if turn_deg else 0.0)
-        pads[name] = [child for child in children if child[0] == "pad"]
-    return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, pads=pads)
+        # equal lists of the file are one object, so that identities can be compared
+        key = (name[0], footprint[1], *words, *map(id, others))
+        reference = ("fp_text", "reference", *words)
+        some = Alike(kind=name[0], name=str(footprint[1]), items=[reference, *others], names=[])
+        alike.setdefault(key, some).names.append(name)
+    pads = {name: pads for some in alike.values() for pads in [some.pads] for name in some.names}
+    return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, alike=[*alike.values()], pads=pads)
 
 
 # Comparing
@@ -166,16 +176,14 @@ def _places(found: _Board, shown: Shown) -> list[str]:
 
 def _lands(found: _Board, shown: Shown, lands: Recorded) -> list[str]:
     """Check that every part has the four lands of the manifest's land pattern, and no other pad."""
-    alike: dict[tuple[float, ...], list[str]] = {}  # equal lists are one object, so identities can be compared
     turned = dict(zip(shown.designators(), shown.rotation_deg.tolist(), strict=True))
-    for name, pads in found.pads.items():
-        if _is_part(name):
-            # only one footprint of each kind is checked, as thousands have the same objects
-            alike.setdefault((turned.get(name, 0.0), *map(id, pads)), []).append(name)
     wrong: dict[str, list[str]] = {}
-    for (rotation_deg, *_), names in alike.items():
-        for problem in _pads_problems(found.pads[names[0]], lands, rotation_deg):
-            wrong.setdefault(problem, []).extend(names)
+    for some in found.alike:
+        if _is_part(some.kind):
+            for rotation_deg in dict.fromkeys(turned.get(name, 0.0) for name in some.names):
+                names = [name for name in some.names if turned.get(name, 0.0) == rotation_deg]
+                for problem in _pads_problems(some.pads, lands, rotation_deg):
+                    wrong.setdefault(problem, []).extend(names)
     every = len(shown.parts_xy_mm)
     return [f"{what} ({'every part' if len(names) == every else named(names)})" for what, names in wrong.items()]
 
@@ -281,13 +289,10 @@ def _unexpected(found: _Board) -> list[str]:
             strange.update(f"{kind} on {layer}" for layer in map(layer_of, items) if layer not in _DRAWN_ON[kind])
         elif kind not in (*_SETTINGS, "footprint", "segment"):
             strange[kind] += len(items)
-    known: dict[int, str | None] = {}
-    for footprint in found.lists.get("footprint", []):
-        for item in footprint[2:]:
-            if id(item) not in known:
-                known[id(item)] = _strange_child(item)
-            if (what := known[id(item)]) is not None:
-                strange[f"footprint with {what}"] += 1
+    for some in found.alike:
+        for what in map(_strange_child, some.items):
+            if what is not None:
+                strange[f"footprint with {what}"] += len(some.names)
     return [f"it has {count} {what}" for what, count in strange.items()]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isclose, isfinite
@@ -41,6 +42,26 @@ _ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Alike:
+    """Footprints that are equal but for place and designator.
+
+    kind: First letter of their designators.
+    name: That of the footprint.
+    items: Their lists but for the place, and the designator's without it.
+    names: Their designators.
+    """
+
+    kind: str
+    name: str
+    items: Sequence[Tree]
+    names: list[str]
+
+    @property
+    def pads(self) -> list[Tree]:
+        return [item for item in self.items if item[0] == "pad"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Made:
     """Expected content of a board and of drawings other than places, from the manifest and the kit's other files.
 
@@ -60,14 +81,19 @@ class Made:
 
 
 def drawn_problems(
-    lists: Mapping[str, Sequence[Tree]], at: Mapping[str, At], origin_mm: FloatArray, fiducials_mm: FloatArray, made: Made
+    lists: Mapping[str, Sequence[Tree]],
+    footprints: Sequence[Alike],
+    at: Mapping[str, At],
+    origin_mm: FloatArray,
+    fiducials_mm: Sequence[tuple[float, float]],
+    made: Made,
 ) -> list[str]:
     """Problems of graphics and settings of a board; `at` has the footprints' places in the board frame."""
     silk = [item for kind in ("gr_line", "gr_poly") for item in lists.get(kind, []) if layer_of(item) == "F.SilkS"]
     return [
         *_settings(lists, made),
-        *_footprints(lists, made),
-        *_openings(lists, at, origin_mm, fiducials_mm, made.gerbers.get("coverlay-top")),
+        *_footprints(footprints, made),
+        *_openings(lists, footprints, at, origin_mm, np.array(fiducials_mm).reshape(-1, 2), made.gerbers.get("coverlay-top")),
         *_ink(silk, origin_mm, made.gerbers.get("legend-top")),
         *_outline(lists, origin_mm, made.gerbers.get("profile")),
     ]
@@ -141,25 +167,17 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
     return problems if notes in wanted else [*problems, f"it says {named(list(map(quoted, notes)) or ['nothing'])} of backings"]
 
 
-def _footprints(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
-    """Check names, values, attributes and body graphics of footprints; equal lists are one object."""
-    known: dict[tuple[object, ...], str | None] = {}
-    wrong: dict[str, int] = {}
-    for footprint in lists.get("footprint", []):
-        inner = [
-            item for item in footprint[2:] if isinstance(item, tuple) and item[:2] != ("fp_text", "reference") and item[0] != "at"
-        ]
-        (name,) = (str(item[2]) for item in footprint if item[:2] == ("fp_text", "reference"))
-        # without place and designator, which differ for every part
-        key = (name[0], footprint[1], *map(id, inner))
-        if key not in known:
-            known[key] = _footprint_problem(name[0], str(footprint[1]), inner, made)
-        if (problem := known[key]) is not None:
-            wrong[problem] = wrong.get(problem, 0) + 1
+def _footprints(footprints: Sequence[Alike], made: Made) -> list[str]:
+    """Check names, values, attributes and body graphics of footprints."""
+    wrong = Counter[str]()
+    for some in footprints:
+        if (problem := _footprint_problem(some, made)) is not None:
+            wrong[problem] += len(some.names)
     return [f"{count} footprints with {problem}" for problem, count in wrong.items()]
 
 
-def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) -> str | None:
+def _footprint_problem(some: Alike, made: Made) -> str | None:
+    kind, inner = some.kind, some.items
     if tuple(child(inner, "attr")[1:]) != _ATTRIBUTES.get(kind):
         return "other attributes"
     if kind == "H":
@@ -169,7 +187,7 @@ def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) 
         return None if right else "another pad"
     if kind != "R":
         return None
-    if name != f"tactape:{made.record.assembly.footprint}":
+    if some.name != f"tactape:{made.record.assembly.footprint}":
         return "another name"
     if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.record.assembly.value]:
         return "another value"
@@ -181,22 +199,24 @@ def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) 
 
 def _openings(
     lists: Mapping[str, Sequence[Tree]],
+    footprints: Sequence[Alike],
     at: Mapping[str, At],
     origin_mm: FloatArray,
     fiducials_mm: FloatArray,
     coverlay: GerberShapes | None,
 ) -> list[str]:
-    """Check that the mask graphics are the openings of the coverlay layer; equal rectangles are one object."""
+    """Check that the mask graphics are the openings of the coverlay layer."""
     if coverlay is None:
         return []
     polygons = [_polygon(item, origin_mm) for item in lists.get("gr_poly", []) if layer_of(item) == "F.Mask"]
-    placed: dict[int, tuple[Tree, list[At]]] = {}
-    for footprint, place in zip(lists.get("footprint", []), at.values(), strict=True):
-        for item in footprint:
-            if item[0] == "fp_rect" and isinstance(item, tuple) and layer_of(item) == "F.Mask":
-                placed.setdefault(id(item), (item, []))[1].append(place)
+    rectangles = [
+        (item, [at[name] for name in some.names])
+        for some in footprints
+        for item in some.items
+        if item[0] == "fp_rect" and isinstance(item, tuple) and layer_of(item) == "F.Mask"
+    ]
     count, corners = len(polygons), list[FloatArray]()
-    for item, places in placed.values():
+    for item, places in rectangles:
         _refuse_hollow(item)
         (x0, y0), (x1, y1) = values(item, "start"), values(item, "end")
         # y is flipped before the rotation, which is counter-clockwise on the board
