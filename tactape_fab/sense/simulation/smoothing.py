@@ -16,8 +16,8 @@ import numpy.typing as npt
 FloatImage = npt.NDArray[np.float32]
 KERNEL_REACH = 3.5
 """Half the width of a Gaussian kernel, in standard deviations."""
-_BLOCK = 32
-"""Rows at a time: the buffers of so many rows stay in a processor's cache, which is twice as fast."""
+_BLOCK = 128
+"""Rows at a time: the buffers of so many rows stay in a processor's cache, and fewer would be more calls of numpy."""
 
 
 def gaussian_kernel(sigma_px: float) -> FloatImage:
