@@ -118,7 +118,8 @@ def mesh_problems(mesh: Mesh) -> list[str]:
         problems.append(f"{int((a == b).reshape(-1, 3).any(axis=1).sum())} triangles without area")
     count = len(mesh.vertices_mm)
     # closed and consistently oriented: every directed edge occurs once, and so does its opposite
-    edge, back = np.sort(a * count + b), np.sort(b * count + a)
+    narrow = np.min_scalar_type(count * count)  # 32 bits are sorted in half the time of 64
+    edge, back = (np.sort((start * count + end).astype(narrow)) for start, end in ((a, b), (b, a)))
     if (edge[1:] == edge[:-1]).any():
         _, uses = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_counts=True)
         shared = int((uses > 2).sum())
@@ -126,7 +127,7 @@ def mesh_problems(mesh: Mesh) -> list[str]:
         problems.append(f"{shared} edges between more than two triangles" if shared else opposite)
     elif not np.array_equal(edge, back):
         problems.append(f"{len(np.setdiff1d(edge, back))} edges without a second triangle: it is not watertight")
-    square = ((mesh.corners_mm - np.roll(mesh.corners_mm, -1, axis=1)) ** 2).sum(axis=2)
+    square = ((mesh.vertices_mm[a] - mesh.vertices_mm[b]) ** 2).sum(axis=1)
     # in a closed mesh each edge belongs to two triangles
     near = int((square < _JOINED_MM**2).sum()) // 2
     if near:

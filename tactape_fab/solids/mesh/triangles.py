@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cached_property
 from html import escape
 from typing import Any
 
@@ -29,7 +30,7 @@ _STL_HEADER_BYTES = 80
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
     """A closed triangle mesh.
 
@@ -45,7 +46,7 @@ class Mesh:
         """Corners of every triangle; shape (f, 3, 3)."""
         return self.vertices_mm[self.faces]
 
-    @property
+    @cached_property
     def volume_mm3(self) -> float:
         """Enclosed volume, by the divergence theorem about the mesh's middle."""
         # signed tetrahedra a . (b x c) / 6 about the middle, as their sum would lose digits far from the origin
