@@ -104,7 +104,9 @@ def read_role(role: str, read: Callable[[bytes], T], files: Mapping[str, Written
 
 def _read_attributed(data: bytes) -> GerberContent:
     """Read a Gerber file whose attributes may be in comments (Gerber 2024.05, 5.1.1), which gerbonara ignores."""
-    return read_gerber(re.sub(rb"^G04 #@! (T[AFOD][^*%\n]*)\*$", rb"%\1*%", data, flags=re.MULTILINE))
+    if b"G04 #@! " in data:
+        data = re.sub(rb"^G04 #@! (T[AFOD][^*%\n]*)\*$", rb"%\1*%", data, flags=re.MULTILINE)
+    return read_gerber(data)
 
 
 def read_layers(files: Mapping[str, WrittenFile], cpl: CplContent | None, film: FilmRecord, checks: list[Check]) -> FilmLayers:

@@ -34,8 +34,9 @@ def pen_strokes(lines_mm: Sequence[FloatArray], width_mm: float | FloatArray) ->
 def gaps_mm(shapes: Geometries, ink: Geometries) -> FloatArray:
     """Distance of each shape from the nearest piece of ink, mm; shape of `shapes`, infinite without ink."""
     gaps = np.full(len(shapes), np.inf)
-    # an empty tree returns nothing, so the gaps stay infinite
-    (asked, _), distance = shapely.STRtree(ink).query_nearest(shapes, return_distance=True, all_matches=False)
+    # an empty tree returns nothing, so the gaps stay infinite; with nodes of two fewer strokes, of many points each, are measured
+    tree = shapely.STRtree(ink, node_capacity=2)
+    (asked, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
     gaps[asked] = distance
     return gaps
 

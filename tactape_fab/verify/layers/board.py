@@ -49,7 +49,7 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     expected = core.buffer(radius, quad_segs=_arc_points(radius)) if radius else core
     if not shapely.Polygon(stroke).is_valid:
         return Check(name="profile", passed=False, message="the outline crosses itself")
-    sides = shapely.STRtree(shapely.linestrings(np.stack([stroke[:-1], stroke[1:]], axis=1)))
+    sides = shapely.STRtree(shapely.linestrings(np.stack([stroke[:-1], stroke[1:]], axis=1)), node_capacity=2)
     from_drawn_mm = nearest(shapely.get_coordinates(expected.exterior), sides)[1]
     # in both directions: drawn points from the exact outline, and expected points from the drawn chords
     error_mm = float(max(off_outline_mm(stroke, board.size_mm, radius), from_drawn_mm.max()))

@@ -16,7 +16,7 @@ from tactape_fab.verify.files import WrittenFile
 _NAME = "written form"
 _SAME_MM = 2e-6
 """Largest difference between two readings of a coordinate, as gerbonara's are sums of floats."""
-_FUNCTION = re.compile(rb"(?<=TA)[^*%]*")
+_FUNCTION = re.compile(rb"TA([^*%]*)")
 _FUNCTIONS = {
     "copper-top": {b".AperFunction,SMDPad,CuDef", b".AperFunction,Conductor", b".AperFunction,FiducialPad,Global"},
     "profile": {b".AperFunction,Profile"},
