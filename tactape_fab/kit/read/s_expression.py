@@ -19,6 +19,7 @@ Tree: TypeAlias = "tuple[str | Tree, ...]"
 
 _DEEPEST = 16
 _TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+', re.DOTALL)
+_FIRST_WORDS = re.compile(rb'\([^()"]*(?:"(?:[^"\\]|\\.)*"[^()"]*)*', re.DOTALL)
 _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 
 
@@ -40,7 +41,11 @@ def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
     inner = _spans(at, level, 3)
     texts = [data[begin:end] for begin, end in inner]
     try:
-        known = dict(zip(distinct := dict.fromkeys(texts), _parsed(b" ".join(distinct)), strict=True))
+        # most that differ do so in their first words alone, such as a designator, and what follows is parsed once as well
+        begun = {text: _FIRST_WORDS.match(text).end() for text in dict.fromkeys(texts)}  # type: ignore[union-attr]
+        rests = dict.fromkeys(text[end:] for text, end in begun.items())
+        parsed = dict(zip(rests, _parsed(b"".join(b"(" + rest for rest in rests)), strict=True))
+        known = {text: (*_words(text[1:end]), *parsed[text[end:]]) for text, end in begun.items()}
         lists = [(begin, end, known[text]) for (begin, end), text in zip(inner, texts, strict=True)]
         # parsed lists of depth 3 are inserted into those of depth 2, and these into the one of depth 1
         ((_, _, whole),) = _around(data, _spans(at, level, 1), _around(data, _spans(at, level, 2), lists))
@@ -53,14 +58,15 @@ def _brackets(data: bytes) -> tuple[IntArray, IntArray]:
     """Indices of the brackets outside quotes, and the depth, from 1, of the list that each begins or ends."""
     # escapes are overwritten with the same length, so that an escaped quote does not count and indices do not change
     text = np.frombuffer(re.sub(rb"\\.", b"__", data, flags=re.DOTALL) if b"\\" in data else data, dtype=np.uint8)
-    quotes = np.flatnonzero(text == ord('"'))
+    at = np.flatnonzero((text == ord('"')) | (text == ord("(")) | (text == ord(")")))
+    is_quote = text[at] == ord('"')
+    quotes = at[is_quote]
     whole = np.frombuffer(data, dtype=np.uint8)
     marks = np.flatnonzero((whole == ord("\\")) | (whole == ord("#")))
-    # a place after an odd number of quotes is inside quotes; searchsorted counts them
+    # a place after an odd number of quotes is inside quotes
     if len(quotes) % 2 or (np.searchsorted(quotes, marks) % 2 == 0).any():
         raise ReadbackError("it has a quote without an end, or a backslash or '#' outside quotes")
-    at = np.flatnonzero((text == ord("(")) | (text == ord(")")))
-    at = at[np.searchsorted(quotes, at) % 2 == 0]
+    at = at[~is_quote & (np.cumsum(is_quote) % 2 == 0)]
     closes = text[at] == ord(")")
     # depth after each bracket; it must be positive until the last one, which ends the single list
     after = np.cumsum(1 - 2 * closes)
