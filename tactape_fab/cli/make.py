@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from tactape_fab.texture.tape import Tape
     from tactape_fab.verify.signature import Signer
 
-_OBJECTS_A_COLLECTION = 50_000
+_OBJECTS_A_COLLECTION = 200_000
 """Garbage collection threshold, raised as loading modules makes many objects and few cycles, and each collection scans all."""
 _NAMED = 3
 """Most tapes of a packed panel that are named."""
