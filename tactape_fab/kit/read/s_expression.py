@@ -102,11 +102,12 @@ def _around(data: bytes, spans: list[tuple[int, int]], inner: list[tuple[int, in
 
 
 def _words(text: bytes) -> list[str]:
-    return [_word(token) for token in _TOKEN.findall(text.decode("utf-8"))]
+    return [_word(token) if token[0] == '"' else token for token in _TOKEN.findall(text.decode("utf-8"))]
 
 
 def _word(token: str) -> str:
-    return _ESCAPED.sub(r"\1", token[1:-1]) if token[0] == '"' else token
+    """A word without its quotes."""
+    return _ESCAPED.sub(r"\1", token[1:-1])
 
 
 def _parsed(text: bytes) -> list[Tree]:
