@@ -284,7 +284,7 @@ QUICK: list[Any] = [
     case("3MF: a triangle dropped", model_of(lambda t: re.sub(r"<triangle [^>]*>\n", "", t, count=1)), "3mf", says="triangles"),
     case("3MF: a triangle flipped", model_of(lambda t: re.sub(r'v1="(\d+)" v2="(\d+)"', r'v1="\2" v2="\1"', t, count=1)), "3mf"),
     case("3MF: a vertex beyond the last", model_of(lambda t: re.sub(r'v1="\d+"', 'v1="99999999"', t, count=1)), "3mf"),
-    case("3MF: no number", model_of(lambda t: re.sub(r'<vertex x="[^"]*"', '<vertex x="1e"', t, count=1)), "3mf", says="as usual"),
+    case("3MF: no number", model_of(lambda t: re.sub(r'<vertex x="[^"]*"', '<vertex x="1e"', t, count=1)), "3mf", says="usual"),
     case("3MF: NaN", model_of(lambda t: re.sub(r'<vertex x="[^"]*"', '<vertex x="nan"', t, count=1)), "3mf"),
     case("3MF: the item moved", model_of(lambda t: t.replace("<item ", f'<item transform="{MOVED}" ')), "3mf"),
     case("3MF: the item scaled", model_of(lambda t: t.replace("<item ", f'<item transform="{SCALED}" ')), "3mf"),
