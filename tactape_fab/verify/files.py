@@ -244,13 +244,13 @@ def _page_problem(data: bytes, *, own_version: bool) -> str | None:
     # HTML tags are case-insensitive; the two scripts are the data and the page's own
     if [lower.count(word) for word in (b"<script", b"http-equiv", b"<style")] != [2, 1, 1]:
         return "it has another script, style or directive than its own"
+    # line by line, as the page is assembled from several files and a frame
+    known = {line for file in (templates_folder() / "report").iterdir() for line in file.read_bytes().splitlines()}
     for allowed, tag in zip(policy.groups(), (b"script", b"style"), strict=True):
         text = data.rpartition(b"<%b>" % tag)[2].partition(b"</%b>" % tag)[0]
         # Content-Security-Policy: 'sha256-...' is the digest of exactly the text between the tags
         if base64.b64encode(hashlib.sha256(text).digest()) != allowed:
             return f"its {tag.decode()} is not the one that its policy names"
-        # line by line, as the page is assembled from several files and a frame
-        known = {line for file in (templates_folder() / "report").iterdir() for line in file.read_bytes().splitlines()}
         if own_version and (strange := [line for line in text.splitlines() if line not in known and line not in _FRAME]):
             return f"its {tag.decode()} is not this version's: {shown(strange[0].decode('latin-1'))}"
     return None
