@@ -12,7 +12,7 @@ from tactape_fab.base.errors import Finding
 from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.film.anchors import foreign_pads_mm
 from tactape_fab.kit.film.layout import Layout
-from tactape_fab.kit.panel.geometry import Panel, Place
+from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, Place
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import FabProfile, Origin, PartNumber, PartProfile
 from tactape_fab.texture.frames import FloatArray
@@ -111,6 +111,8 @@ class OrderFacts:
     """Values available to the templates of order notes.
 
     name, size_mm, part_count: Of the ordered item: the tape, or the panel in `panel`; `tape` is then its first tape.
+    corner_radius_mm: Of its outline.
+    legend: Whether anything is printed on it.
     designs: Number of different designs among its tapes.
     files: Maps roles to paths in the kit.
     part_number: In the assembly house's format; '' without one.
@@ -132,6 +134,8 @@ class OrderFacts:
 
     name: str
     size_mm: tuple[float, float]
+    corner_radius_mm: float
+    legend: bool
     part_count: int
     tape: Tape
     fab: FabProfile
@@ -198,6 +202,8 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
     return OrderFacts(
         name=tape.name,
         size_mm=tape.board.size_mm,
+        corner_radius_mm=tape.board.corner_radius_mm,
+        legend=_has_legend(layout),
         part_count=tape.part_count,
         tape=tape,
         fab=fab,
@@ -255,6 +261,8 @@ def panel_order_facts(
         facts,
         name=name,
         size_mm=panel.size_mm,
+        corner_radius_mm=CORNER_RADIUS_MM,
+        legend=any(map(_has_legend, layouts)),
         part_count=sum(counts),
         fits_panel=True,
         least_gap_mm=_least_gap_mm(layouts, fab, findings),
@@ -294,6 +302,10 @@ def panel_order_facts(
             ),
         ),
     )
+
+
+def _has_legend(layout: Layout) -> bool:
+    return bool(layout.legend.areas_mm or layout.legend.strokes_mm)
 
 
 def _least_gap_mm(layouts: Sequence[Layout], fab: FabProfile, findings: Sequence[Finding]) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import named, shown
-from tactape_fab.kit.panel.geometry import Panel
+from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel
 from tactape_fab.kit.read.gerber_file import ReadbackError, read_gerber
 from tactape_fab.kit.render.order_notes import COPPER_OZ, LAMINATES, in_a_line
 from tactape_fab.solids.elements import reach_mm
@@ -82,7 +82,7 @@ def check_order_notes(
     listed = old or text.partition("\nSTEP 1. ")[2].partition("\nSTEP 10. ")[0]
     problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     if film is not None and film.order is not None and not old:
-        problems += _row_problems(text, tape, of, film, film.order)
+        problems += _row_problems(text, tape, of, film, film.order, legend="legend-top" in files)
         problems += _remark_problems(text.partition("\nSTEP 10. ")[0], tape, of, film)
         problems += _backing_problems(text, files, film.film.backings)
     found = _PRINT_AREA.findall(text)
@@ -105,11 +105,11 @@ def check_order_notes(
     return Check(name="order-notes", passed=not problems, message="; ".join(problems[:_MOST_SAID]) or right)
 
 
-def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder) -> Iterator[str]:
+def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder, *, legend: bool) -> Iterator[str]:
     """Problems of rows that differ from the manifest, or are missing although every form needs them."""
     # steps 1 to 4 are the board's form, those up to 9 the whole order; the rest is for the user
     form, rest = text.partition("\nSTEP 5. ")[0], text.partition("\nSTEP 10. ")[0]
-    expected = _expected_rows(tape, of, film, order)
+    expected = _expected_rows(tape, of, film, order, legend=legend)
     known = {label: value for labels, value in expected.items() for label in labels}
     rows = _ROW.findall(rest)
     for label, value in rows:
@@ -213,10 +213,12 @@ def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> I
             yield f"they say {parts} parts for {boards} boards of {of.part_count}"
 
 
-def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder) -> dict[tuple[str, ...], str]:
+def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder, *, legend: bool) -> dict[tuple[str, ...], str]:
     """Patterns of values by labels of rows, for the forms of all houses; rows that every form has come first."""
     assembly, backings = film.assembly, film.film.backings
-    width, height, radius = map(_length, (*of.shown.size_mm, tape.board.corner_radius_mm))
+    width, height = map(_length, of.shown.size_mm)
+    # version 0.1.0 wrote a panel's tapes' radius, and a colour where nothing is printed
+    radii = "|".join(map(_length, {tape.board.corner_radius_mm} | ({CORNER_RADIUS_MM} if of.panel else set())))
     copper = COPPER_OZ.get(order.copper_um, f"{order.copper_um:g} um")
     hole = _length(min((hole[2] for hole in of.shown.holes), default=0.0))
     number, any_part = _escaped(assembly.part_number), _escaped(assembly.description)
@@ -227,12 +229,12 @@ def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder)
     )
     return {
         ("thickness", "PCB Thickness", "Thickness"): f"{_length(order.thickness_mm)} mm",
-        ("size", "Dimensions", "Size (single)", "Size (panel)"): rf"{width} x {height} mm(, corner radius {radius} mm)?",
+        ("size", "Dimensions", "Size (single)", "Size (panel)"): rf"{width} x {height} mm(, corner radius ({radii}) mm)?",
         ("layers", "Layers"): str(order.layers),
         ("copper", "Outer Copper Weight", "Finished Copper"): re.escape(copper),
         ("surface finish", "Surface Finish"): rf"{_escaped(order.finish)}( \(immersion gold\))?",
         ("board", "Base Material", "Material"): _bases(order),
-        ("legend", "Silkscreen"): f"(?i:{re.escape(order.legend_colour)})(, top)?",
+        ("legend", "Silkscreen"): f"(?i:{re.escape(order.legend_colour)})(, top)?" + "|[Nn]one" * (not legend),
         ("coverlay", "Coverlay", "Coverlay Color", "solder mask", "Solder Mask", "PCB Color"): (
             f"(?i:{re.escape(order.coverlay_colour)})(, cut|, photo-imageable, flexible)?"
         ),

@@ -175,6 +175,14 @@ def test_without_a_strip_the_fab_may_print_nowhere() -> None:
     assert "this board has no room for one" in notes_of(facts)
 
 
+@pytest.mark.parametrize(("fab", "label"), [("generic-fpc", "legend"), ("generic-fr4", "legend"), ("pcbway-fpc", "Silkscreen")])
+def test_no_legend_is_ordered_where_none_is_drawn(fab: str, label: str) -> None:
+    bare, none = examined(fab=fab, tag="none"), rf"(?i) {label} +none\s"
+    assert re.search(none, notes_of(facts_of(bare)))
+    assert re.search(none, packed_notes([bare]))
+    assert not re.search(none, packed_notes([bare, examined(fab=fab)]))
+
+
 @EVERY
 def test_the_field_holds_every_opening(fab: str) -> None:
     made = examined(fab=fab)
@@ -288,6 +296,12 @@ def test_tapes_of_one_sector_that_differ_otherwise_are_different_designs(other: 
     usual: dict[str, Any] = {"fab": "jlcpcb-fpc", "pitch_mm": 2.1, "displacement_mm": 0.25}
     tapes = [examined(**{**usual, **more}) for more in ({}, other)]
     assert f"Different Design {designs} " in packed_notes(tapes)
+
+
+def test_a_panel_s_corners_are_those_of_its_own_outline() -> None:
+    round_one = examined(corner_radius_mm=3.0, tag="none")
+    assert " mm, corner radius 1 mm " in packed_notes([round_one])
+    assert "30 mm, corner radius 3 mm\n" in notes_of(facts_of(round_one))
 
 
 @pytest.mark.parametrize(("anchors", "some"), [(("none", "mesh"), True), (("spur", "mesh"), False)])

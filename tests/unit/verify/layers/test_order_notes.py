@@ -53,6 +53,7 @@ def checked(kit: Kit, pattern: str, new: str) -> Check:
         (r"(least spacing of copper +)0\.18", r"\1 0.48", "is '0.48 mm', more than between the lands of a part"),
         (r"(stencil +)0\.1 mm", r"\1 0.4 mm", "'stencil' is '0.4 mm', which is not the manifest's"),
         (r"(   electrical test .*\n)", r"\1   Mark on PCB  Order Number\n", "'Mark on PCB' is 'Order Number', which"),
+        (r"(legend +)white, top", r"\1none", "'legend' is 'none', which is not the manifest's"),
         (r"(panel +)by the fab.*", r"\1as drawn, 2 x 2 tapes", "'panel' is 'as drawn, 2 x 2 tapes', which"),
         *((rf"   {row} .*\n", "", f"they do not say the {row}") for row in ("copper", "coverlay", "stiffener", "adhesive")),
     ],
