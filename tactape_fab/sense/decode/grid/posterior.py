@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
@@ -313,7 +313,7 @@ def lens_of(k1: float, square: float) -> tuple[float, float]:
     return lens, -bent * lens / (1.0 + 3.0 * k1 * bent)
 
 
-@inner_kernel()
+@inlined_kernel()
 def _linearised(
     seen_mm: FloatArray,
     target: FloatArray,
@@ -355,7 +355,7 @@ def _linearised(
             rates[9, axis, i] = target[axis, i] - state[axis] - at + push * drawn[0, axis, i] - pull * drawn[1, axis, i]
 
 
-@inner_kernel()
+@inlined_kernel()
 def _summed(
     rates: FloatArray,
     weights: FloatArray,
@@ -403,7 +403,7 @@ def eliminate(matrix: FloatArray, k: int, rows: int) -> None:
                 matrix[j, i] -= factor * matrix[k, i]
 
 
-@inner_kernel()
+@inlined_kernel()
 def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance: float, known: float) -> float:
     """Take a Gauss-Newton step: `normal` becomes the covariance (9, 9), and `state` is updated.
 
