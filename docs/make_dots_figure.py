@@ -100,7 +100,7 @@ def main() -> None:
     fourth.set_title(
         "4  ln E at every place of the tape, in the answer's turn:\n"
         f"     the answer {values[row, column]:.0f}, the next {np.nanmax(others):.0f}, and what all dots could say "
-        f"{reading.place.most_said:.0f}",
+        f"{reading.place.most_evidence:.0f}",
         fontsize=10,
         loc="left",
     )

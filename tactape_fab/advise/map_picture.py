@@ -52,12 +52,12 @@ def draw_map(advice: Advice, points: Sequence[MapPoint]) -> bytes:
         lines.append("</g>")
     right = float(_LEFT)
     for colour, names in zip(_COLOURS, same, strict=False):
-        said = ", ".join(names)
+        named = ", ".join(names)
         lines += [
             f'<path d="M{right:.0f} {whole[1] - 20}h26" stroke="{colour}" stroke-width="3"/>',
-            _text(right + 32, whole[1] - 16, said),
+            _text(right + 32, whole[1] - 16, named),
         ]
-        right += 56 + 6.6 * len(said)
+        right += 56 + 6.6 * len(named)
     return "\n".join([*lines, "</svg>\n"]).encode()
 
 
@@ -98,8 +98,8 @@ def _panel(advice: Advice, points: Sequence[MapPoint], same: Sequence[tuple[str,
         if p.each is not None:
             yield _text(x, height + 55, f"{p.each:.1f}", anchor="middle")
     rows = ["W, mm", "parts", *([] if currency is None else [f"{currency}"])]
-    for k, said in enumerate(rows):
-        yield _text(-12, height + 19 + 18 * k, said, anchor="end")
+    for k, row in enumerate(rows):
+        yield _text(-12, height + 19 + 18 * k, row, anchor="end")
     if currency is not None:
         once = next(p.once for p in legal if p.once is not None)
         yield _text(
@@ -131,6 +131,6 @@ def _curve(
             yield f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width:.1f}"/>'
 
 
-def _text(x: float, y: float, said: str, *, anchor: str = "start", size: int = 0, turned: bool = False) -> str:
+def _text(x: float, y: float, text: str, *, anchor: str = "start", size: int = 0, turned: bool = False) -> str:
     more = (f' font-size="{size}"' if size else "") + (f' transform="rotate(-90 {x:.1f} {y:.1f})"' if turned else "")
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{more}>{escape(said)}</text>'
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{more}>{escape(text)}</text>'

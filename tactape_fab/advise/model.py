@@ -281,7 +281,7 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     e, f = true * errors[:, :count, 0], true * errors[:, :count, 1]
     q = posteriors(_squared_distances(e, f, shift, seen.directions), squared_errors(weight, sigma), trusted(weight, noise))
     seen_dots = weight >= LEAST_HEIGHT
-    first, *others = (np.where(seen_dots, said, 0.0).sum(axis=1) for said in _bit_evidence(q, symbols[:, :count]))
+    first, *others = (np.where(seen_dots, evidence, 0.0).sum(axis=1) for evidence in _bit_evidence(q, symbols[:, :count]))
     second = np.sum(others, axis=0)
     good = np.count_nonzero(weight >= GOOD_WEIGHT, axis=1)
     turn = np.where((good >= LEAST_GOOD) & is_long(seen.shape, seen.body_mm), log(2.0 * MOST_TURN_SHARE), 0.0)
@@ -328,8 +328,8 @@ def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) ->
     one = symbol.astype(np.int64)
     # the symbol of the hypothesis is random, and has to come first
     around = np.stack([np.take_along_axis(q, ((one + k) % directions)[None], axis=0)[0] for k in range(directions)])
-    said = np.sum(_bit_evidence(around, one), axis=0)
-    return float(np.where(weight >= LEAST_HEIGHT, -said, 0.0).mean())
+    evidence = np.sum(_bit_evidence(around, one), axis=0)
+    return float(np.where(weight >= LEAST_HEIGHT, -evidence, 0.0).mean())
 
 
 def _field_mm2(sensor: SensorProfile) -> float:

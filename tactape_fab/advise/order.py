@@ -107,12 +107,12 @@ def _other_designs(spec: TapeSpec, given: Mapping[str, Any]) -> Iterator[Problem
     """Problems of values of tapes to which the choice does not apply."""
     remedy = "or use --fab with --w and --delta in place of --order"
     if spec.rotation_deg % 90.0 != DEFAULT_ROTATION_DEG:
-        said = f"rotation_deg = {spec.rotation_deg:g} deg contradicts --order, whose tapes have parts at"
-        yield Problem("rotation_deg", f"{said} {DEFAULT_ROTATION_DEG:g} deg; leave out --rotation, {remedy}")
+        message = f"rotation_deg = {spec.rotation_deg:g} deg contradicts --order, whose tapes have parts at"
+        yield Problem("rotation_deg", f"{message} {DEFAULT_ROTATION_DEG:g} deg; leave out --rotation, {remedy}")
     directions = given.get("directions")
     if directions in tuple(DIRECTIONS) and directions != USUAL_DIRECTIONS:
-        said = f"directions = {directions} contradicts --order, whose tapes have {USUAL_DIRECTIONS}"
-        yield Problem("directions", f"{said}; leave out --directions, {remedy}")
+        message = f"directions = {directions} contradicts --order, whose tapes have {USUAL_DIRECTIONS}"
+        yield Problem("directions", f"{message}; leave out --directions, {remedy}")
 
 
 def _contact(value: Any) -> tuple[float, str]:

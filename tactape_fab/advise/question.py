@@ -67,8 +67,10 @@ def read_question(values: Mapping[str, Any]) -> Question:
     size_mm = tried(lambda: TapeSpec(sector=0, size_mm=outline).size_mm, problems)
     known = process in PROCESSES  # otherwise it is already refused
     if known and process != FILM and "fab" in values:
-        said = f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
-        problems.append(Problem("fab", said))
+        message = (
+            f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
+        )
+        problems.append(Problem("fab", message))
     sensor = tried(lambda: load_sensor(values.get("sensor", DEFAULT_SENSOR)), problems)
     fab = values.get("fab", DEFAULT_FAB)  # also read if the process is refused
     making = tried(lambda: load_process(process) if known and process != FILM else load_fab(fab), problems)

@@ -88,7 +88,7 @@ def _can_be_kept() -> bool:
 
 
 @cache
-def _say_slow() -> None:
+def _warn_slow() -> None:
     """Warn once per process that kernels run uncompiled."""
     logging.getLogger("tactape_fab").warning(
         "numba is not installed, or NUMBA_DISABLE_JIT is set: tactape-fab decodes in plain Python, some thousand times slower; "
@@ -102,7 +102,7 @@ def _plain(**_options: Any) -> Callable[[Function], Any]:
     def decorate(function: Function) -> Function:
         @wraps(function)
         def called(*args: Any) -> Any:
-            _say_slow()
+            _warn_slow()
             with np.errstate(all="ignore"):
                 return function(*args)
 

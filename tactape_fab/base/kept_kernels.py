@@ -58,11 +58,11 @@ def _save_if_there_is_room(save: Callable[[Any, Any], None], folder: str, signat
     try:
         save(signature, data)
     except OSError as error:
-        _say_lost(folder, reason_of(error))
+        _warn_lost(folder, reason_of(error))
 
 
 @cache
-def _say_lost(folder: str, reason: str) -> None:
+def _warn_lost(folder: str, reason: str) -> None:
     """Warn once per process that compiled kernels are not stored."""
     logging.getLogger("tactape_fab").warning(
         f"what is compiled cannot be kept in {folder}: {reason}; every start compiles it until there is room, or NUMBA_CACHE_DIR "

@@ -33,25 +33,25 @@ def refuse_taken_place(
         ``overwrite=None`` a file of the kind is replaced without asking. It may raise OSError or ValueError.
     kind: Description of a file that is not of the kind, for the message.
     """
-    said = f"{key} = {shown_path(path)}"
+    given = f"{key} = {shown_path(path)}"
     try:
         mode = mode_of(path)
         if mode is None and not path.parent.is_dir():
-            raise SpecError(Problem(key, f"{said}: there is no folder of that name; make it first"))
+            raise SpecError(Problem(key, f"{given}: there is no folder of that name; make it first"))
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason_of(error)}; use another name")) from error
+        raise SpecError(Problem(key, f"{given} cannot be looked at: {reason_of(error)}; use another name")) from error
     if mode is None:
         return
     if not stat.S_ISREG(mode):
         what = "a folder" if stat.S_ISDIR(mode) else "a link" if stat.S_ISLNK(mode) else "no regular file"
-        raise SpecError(Problem(key, f"{said} is {what}; nothing was touched; use another name"))
+        raise SpecError(Problem(key, f"{given} is {what}; nothing was touched; use another name"))
     if overwrite is False or (overwrite is None and ours is None):
         remedy = "nothing was touched; use" if overwrite is None else "use --overwrite to replace it, or"
-        raise SpecError(Problem(key, f"{said} exists already; {remedy} another name"))
+        raise SpecError(Problem(key, f"{given} exists already; {remedy} another name"))
     if ours is not None and not _is_ours(ours, path):
-        raise SpecError(Problem(key, f"{said} is there and is {kind}; nothing was touched; use another name"))
+        raise SpecError(Problem(key, f"{given} is there and is {kind}; nothing was touched; use another name"))
 
 
 def _is_ours(ours: Callable[[Path], bool], path: Path) -> bool:

@@ -48,7 +48,7 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
     key: The option that names the folder.
     Raises SpecError.
     """
-    said = f"{key} = {shown_path(folder)}"
+    given = f"{key} = {shown_path(folder)}"
     try:
         # the folder may not exist yet: its nearest existing parent decides whether it can be made
         nearest = next(place for place in (folder, *folder.parents) if mode_of(place) is not None)
@@ -56,9 +56,9 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
         paths = sorted(folder.glob(names)) if isinstance(names, str) else [folder / name for name in names]
         taken = [path for path in paths if mode_of(path) is not None]
     except (OSError, ValueError) as error:
-        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason_of(error)}; use another folder")) from error
+        raise SpecError(Problem(key, f"{given} cannot be looked at: {reason_of(error)}; use another folder")) from error
     if not is_folder:
-        message = f"{said}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
+        message = f"{given}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
         raise SpecError(Problem(key, message))
     for path in taken:  # the first other file is enough to refuse the folder
         refuse_taken_place(path, key, ours=is_own_picture, kind=_KIND)

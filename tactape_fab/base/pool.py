@@ -75,13 +75,13 @@ class ProcessPool(Executor):
 
     Unlike those of concurrent.futures.ProcessPoolExecutor, its processes are started by `tactape_fab.base.launch`: they import
     nothing from the current folder, and ignore SIGINT and SIGHUP. A process that dies fails only its own call, with
-    `LostProcessError`. Messages that a function sends by `tell` are passed to `told`. The processes end when this process ends.
-    As a context manager, the pool stops at once if the block raises.
+    `LostProcessError`. Messages that a function sends by `send_message` are passed to `on_message`. The processes end when this
+    process ends. As a context manager, the pool stops at once if the block raises.
     """
 
-    def __init__(self, count: int, told: Callable[..., object] = lambda *_: None) -> None:
+    def __init__(self, count: int, on_message: Callable[..., object] = lambda *_: None) -> None:
         self.width = max(1, count)
-        self._told = told
+        self._on_message = on_message
         self._scratch = tempfile.TemporaryDirectory(prefix="tactape-pool-", ignore_cleanup_errors=True)
         # one thread for each process: it owns the process, writes a call and waits for the answer
         self._threads = ThreadPoolExecutor(self.width)
@@ -118,12 +118,12 @@ class ProcessPool(Executor):
     def _ask(self, function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
         child = self._child()
         assert child.stdin is not None and child.stdout is not None
-        # an answer is (True, result), (False, error), or (None, message) for a message by `tell`
+        # an answer is (True, result), (False, error), or (None, message) for a message by `send_message`
         try:
             _send(child.stdin, (function, args, kwargs))
             answered, answer = pickle.load(child.stdout)
             while answered is None:
-                self._told(*answer)
+                self._on_message(*answer)
                 answered, answer = pickle.load(child.stdout)
         except (EOFError, OSError, pickle.UnpicklingError):
             # the thread's next call starts a new process
@@ -290,7 +290,7 @@ _answers: BinaryIO | None = None
 """Pipe on which a process of a pool answers; None in any other process."""
 
 
-def tell(*message: object) -> None:
+def send_message(*message: object) -> None:
     """Send a message, such as progress, to the pool that runs this process."""
     if _answers is not None:
         _send(_answers, (None, message))

@@ -14,7 +14,7 @@ from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, length, number, size, workers_of, workers_option
-from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_shown, step_told, table_lines
+from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_printed, step_shown, table_lines
 
 if TYPE_CHECKING:
     from tactape_fab.advise.answer import Advice, Line
@@ -83,7 +83,7 @@ def advise(
         advice = ask(question)
         points: Sequence[MapPoint] = ()
         if simulate_too:
-            advice = checked(advice, step_told("simulating, "), count)
+            advice = checked(advice, step_printed("simulating, "), count)
         if map_file is not None:
             from tactape_fab.advise.map import map_of
             from tactape_fab.advise.map_picture import draw_map

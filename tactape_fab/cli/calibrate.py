@@ -155,12 +155,12 @@ def hand_eye_lines(found: Calibration) -> list[str]:
     """Both transforms as lines."""
     answer = found.hand_eye
     assert answer is not None
-    said = answer.to_mapping()
+    values = answer.to_mapping()
     rows = []
     for name in ("sensor_to_flange", "tape_to_base"):
-        at, sigma = said[name], said[f"{name}_sigma"]
+        at, sigma = values[name], values[f"{name}_sigma"]
         place = ", ".join(f"{row[3]:.3f}" for row in at[:3])
         rows.append((name, place, ", ".join(f"{s:.2g}" for s in sigma[:3]), ", ".join(f"{s:.2g}" for s in sigma[3:])))
-    off = ", ".join(f"{v:.3g}" for v in said["left"])
+    off = ", ".join(f"{v:.3g}" for v in values["left"])
     header = ("hand-eye", "x, y, z mm", "sigma mm (own axes)", "sigma rad (own axes)")
     return ["", *table_lines(header, rows), f"left over of x, y, z (mm) and turns (rad) of the sensor on the tape: {off}", ""]

@@ -84,8 +84,8 @@ def tapes_to_certify(
         entries = read_registered(kits, as_built)
         return [e.tape for e in entries], labels(entries)
     if "code" not in options:
-        said = "--size has no effect without --code" if options else "nothing to certify is given"
-        raise SpecError(Problem("code", f"{said}; name kits, or a code with --code"))
+        message = "--size has no effect without --code" if options else "nothing to certify is given"
+        raise SpecError(Problem("code", f"{message}; name kits, or a code with --code"))
     from tactape_fab.kit.examine.code_tapes import default_tapes
 
     tapes = default_tapes(**options)
@@ -157,12 +157,12 @@ def _patch_lines(patches: Sequence[PatchDistance], open_turns_deg: tuple[int, ..
     if any(p.proven is not None for p in patches):
         columns.append(("turn known, all sectors", ["-" if p.proven is None else str(p.proven) for p in patches]))
     shown = "show a quarter turn, 0 and 180 deg stay open" if len(open_turns_deg) == 2 else "are round, any turn stays open"
-    said = [
+    lines = [
         "fewest bits in which two patches differ (pairs): one a quarter turn of a part, two a half turn",
         f"turns: the parts {shown}",
     ]
     header, cells = zip(*columns, strict=True)
-    return [*said, *table_lines(header, list(zip(*cells, strict=True)))] if patches else []
+    return [*lines, *table_lines(header, list(zip(*cells, strict=True)))] if patches else []
 
 
 def _bits(bits: int | None, pairs: int) -> str:

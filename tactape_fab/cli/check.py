@@ -214,10 +214,10 @@ def examined_order(
 
     single = {**values, **given}
     panel = single.get("panel", "none")
-    said = "is for lists of tapes; give --sectors or [[tapes]], or leave it out"
+    remedy = "is for lists of tapes; give --sectors or [[tapes]], or leave it out"
     if panel != "none" and "sectors" in single:
-        said = f"is for lists of tapes, and panel = {shown(panel)} makes one panel of them; leave one of the two out"
-    problems = [Problem(name, f"--{name} {said}") for name, value in (of_lists or {}).items() if value]
+        remedy = f"is for lists of tapes, and panel = {shown(panel)} makes one panel of them; leave one of the two out"
+    problems = [Problem(name, f"--{name} {remedy}") for name, value in (of_lists or {}).items() if value]
     # an option overrides the file: --sector replaces the file's sectors
     if "sector" in given and "sectors" not in given:
         single.pop("sectors", None)

@@ -132,10 +132,10 @@ def _shortened(line: str) -> str:
 
 def _own_remedies(names: Sequence[str], line: str) -> str:
     """A message without remedies that are options of other commands, as several commands share the code that refuses."""
-    said, use, remedy = line.rpartition("; use ")
+    message, use, remedy = line.rpartition("; use ")
     ways = re.split(r",? or (?=--|a )", remedy)
     known = [way for way in ways if set(re.findall(r"--([\w-]+)", way)) <= {*names}]
-    return line if not (use and names) or len(known) in (0, len(ways)) else f"{said}{use}{', or '.join(known)}"
+    return line if not (use and names) or len(known) in (0, len(ways)) else f"{message}{use}{', or '.join(known)}"
 
 
 def with_options(line: str) -> str:
@@ -170,19 +170,19 @@ def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = No
     typed: The typed options, which replace keys in messages; keys of a file are kept.
     """
 
-    def said(lines: Iterable[str]) -> list[str]:
+    def as_typed(lines: Iterable[str]) -> list[str]:
         return [_as_typed(_shortened(line), typed or {}) for line in lines]
 
     match error:
         case SpecError():
             short = [replace(p, message=_shortened(p.message)) for p in error.problems]
             problems = [p.message if p.of_file else _as_typed(_as_in_file(p, typed or {}), typed or {}) for p in short]
-            return USAGE, [*problems, *said(rule_lines(error.findings))]
+            return USAGE, [*problems, *as_typed(rule_lines(error.findings))]
         case DesignRuleError():
-            return RULES, said(rule_lines(error.findings))
+            return RULES, as_typed(rule_lines(error.findings))
         case VerifyError():
-            return VERIFICATION, said(f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning)
-    return USAGE if isinstance(error, FrameError) else FAILED, said(str(error).splitlines())
+            return VERIFICATION, as_typed(f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning)
+    return USAGE if isinstance(error, FrameError) else FAILED, as_typed(str(error).splitlines())
 
 
 @contextmanager

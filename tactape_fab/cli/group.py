@@ -123,15 +123,15 @@ class _Group(click.Group):
         except OSError as error:
             if _cannot_print(error):
                 sys.stdout = None  # flushing its buffer would fail again
-                said = f"standard output cannot be written: {error.strerror}; give it room, or another place"
+                message = f"standard output cannot be written: {error.strerror}; give it room, or another place"
             elif error.errno in _NO_ROOM:
                 import tempfile  # imported here: few commands need it
 
                 place = f"the temporary folder {tempfile.gettempdir()} cannot be written"
-                said = f"{place}: {error.strerror}; make room there, or set TMPDIR to another folder"
+                message = f"{place}: {error.strerror}; make room there, or set TMPDIR to another folder"
             else:
                 raise
-            click.echo(f"error: {said}", err=True)
+            click.echo(f"error: {message}", err=True)
             sys.exit(1)
         finally:
             sys.unraisablehook = before

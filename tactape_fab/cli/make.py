@@ -23,8 +23,8 @@ from tactape_fab.cli.printing import (
     echo_line,
     echo_lines,
     echo_lines_err,
+    print_rules,
     purpose_lines,
-    say_rules,
     step_shown,
     table_lines,
     verified_line,
@@ -122,7 +122,7 @@ def make(
             _make_list(values, given, output, settings, pack=pack, workers=workers, as_json=as_json)
             return
         examined = examined_order(values, given, avoid, {"pack": pack, "workers": workers}, output=output, overwrite=replace)
-        say_rules(examined.findings, force=force)
+        print_rules(examined.findings, force=force)
         how: dict[str, Any] = {
             "overwrite": replace,
             "verify": not no_verify,
@@ -189,7 +189,7 @@ def _make_list(
     count = None if workers is None else number(workers)
     overwrite, force = settings["overwrite"], settings["force"]
     listed = list_tapes(values, given, folder, workers=count, overwrite=overwrite, force=force, packed=pack)
-    say_rules(listed.findings, force=force)
+    print_rules(listed.findings, force=force)
     packed = pack_tapes(listed.tapes) if pack else []
     names = [name for film in packed for name in film.names] if pack else [tape.spec.name for tape in listed.tapes]
     make = make_packed(packed, folder, workers=listed.workers, **settings) if pack else None
@@ -337,6 +337,6 @@ def _packed_lines(films: Sequence[PackedFilm]) -> list[str]:
         )
         for name, packed, share in zip(film.names, film.panels, shares, strict=True):
             tapes = [film.tapes[i].spec.name for i in packed.tapes]
-            said = ", ".join(tapes) if len(tapes) <= _NAMED else f"{tapes[0]} ... {tapes[-1]}"
-            lines.append(f"  {name}: {packed.panel.words}, {_size(packed.panel.size_mm)} mm, {share:.1%}: {said}")
+            named = ", ".join(tapes) if len(tapes) <= _NAMED else f"{tapes[0]} ... {tapes[-1]}"
+            lines.append(f"  {name}: {packed.panel.words}, {_size(packed.panel.size_mm)} mm, {share:.1%}: {named}")
     return lines

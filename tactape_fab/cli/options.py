@@ -73,8 +73,8 @@ def pair(text: str, read: Callable[[str], Any] = number) -> Any:
 
 def workers_option(what: str, usual: str, *others: str) -> Callable[[F], F]:
     """Option --workers: a number of processes, or a Dask cluster."""
-    said = f"Processes that {what}, or a Dask scheduler to give them to.  [default: {usual}]"
-    return click.option("--workers", *others, "workers", metavar="N|tcp://HOST:PORT", help=said)
+    text = f"Processes that {what}, or a Dask scheduler to give them to.  [default: {usual}]"
+    return click.option("--workers", *others, "workers", metavar="N|tcp://HOST:PORT", help=text)
 
 
 def workers_of(text: str | None, usual: Workers | None = None) -> Workers:

@@ -47,10 +47,10 @@ def finding_lines(findings: Sequence[Finding]) -> list[str]:
 
 def remark_lines(findings: Sequence[Finding]) -> list[str]:
     """Findings of level info as lines: the coverlay, anchor and bend in use, and limits that are not met."""
-    said = [
+    remarks = [
         f for f in findings if f.level == "info" and (not f.passed or f.rule.startswith(("coverlay", "anchor", "bend", "mark")))
     ]
-    return [f"{f.rule}: {f.message}" for f in said]
+    return [f"{f.rule}: {f.message}" for f in remarks]
 
 
 def _finding_row(finding: Finding) -> tuple[str, ...]:
@@ -80,8 +80,8 @@ def echo_check(check: Check) -> None:
 def verified_line(checks: Sequence[Check]) -> str:
     """Text with the number of checks, and of those that were skipped, with the reasons."""
     skipped = sum(check.skipped for check in checks)
-    said = f"verified: {counted(len(checks) - skipped, 'check')} of the written files"
-    return said + (f", {skipped} not run: {_why(checks)}" if skipped else "")
+    line = f"verified: {counted(len(checks) - skipped, 'check')} of the written files"
+    return line + (f", {skipped} not run: {_why(checks)}" if skipped else "")
 
 
 def _why(checks: Sequence[Check]) -> str:
@@ -135,7 +135,7 @@ def warn(findings: Sequence[Finding]) -> None:
             echo_line(f"warning: {finding.rule}: {finding.message}", err=True)
 
 
-def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
+def print_rules(findings: Sequence[Finding], *, force: bool) -> None:
     """Print remarks on the order, warnings and, with `force`, the broken blocking rules."""
     echo_lines_err(
         f"note: {f.rule}: {f.message}" for f in findings if f.level == "info" and not f.passed and f.rule in _OF_ORDERS
@@ -160,7 +160,7 @@ def step_shown() -> Callable[[str, int, int], None]:
     return lambda text, done, count: click.echo(f"\r{one_line(text)} {done} of {count}\033[K", err=True, nl=done == count)
 
 
-def step_told(before: str) -> Callable[[str, int, int], None]:
+def step_printed(before: str) -> Callable[[str, int, int], None]:
     """Progress function for long work: on a terminal as `step_shown`, else a line when a step begins, and one when it ends."""
     if sys.stderr is None or sys.stderr.isatty():
         return step_shown()

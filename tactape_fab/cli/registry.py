@@ -42,8 +42,8 @@ def registry(kits: Sequence[str], workers: str | None, as_json: bool, pack: str 
         if pack is not None:
             beside = [name for name, chosen in {"--json": as_json, "--workers": workers is not None}.items() if chosen]
             if beside:
-                said = "--pack writes a file and compares nothing"
-                raise SpecError([Problem(name[2:], f"{name} contradicts --pack: {said}; leave out {name}") for name in beside])
+                message = "--pack writes a file and compares nothing"
+                raise SpecError([Problem(name[2:], f"{name} contradicts --pack: {message}; leave out {name}") for name in beside])
             echo_lines(_packed(kits, Path(pack), overwrite))
             return
         from tactape_fab.texture.certify.kits import registry as read_registry
@@ -126,8 +126,8 @@ def _nearest(result: Registry) -> list[str]:
     for windows in result.across:
         count = Counter(int(d) for d in windows.matrix[windows.matrix != NO_WINDOWS])
         # the matrix contains each pair twice
-        said = ", ".join(f"{_distance(d)}: {n // 2} pairs" for d, n in sorted(count.items()))
-        lines.append(f"{windows.side}x{windows.side}: {said or 'no windows'}")
+        distances = ", ".join(f"{_distance(d)}: {n // 2} pairs" for d, n in sorted(count.items()))
+        lines.append(f"{windows.side}x{windows.side}: {distances or 'no windows'}")
     near = nearest_tapes(result.across[0], _NEAREST_TAPES)
     lines += ["", "the nearest tapes:", *(f"  {names[a]} and {names[b]}: {_apart(result, a, b)}" for a, b, _ in near)]
     return lines

@@ -61,11 +61,11 @@ def survey(
 
 def survey_lines(found: Survey) -> list[str]:
     """The result of a survey as lines."""
-    said = found.to_mapping()
+    facts = found.to_mapping()
     return [
-        f"{said['tape']}: {said['contacts']} of {counted(said['frames'], 'frame')} located and used",
-        f"parts: {said['touched']} of {said['parts']} touched, {said['missing']} missing, the others "
-        f"{said['scatter_mm'] * 1000:.1f} um off the design (rms per axis)",
-        f"places: known to {said['sigma_mm'] * 1000:.1f} um (median); neighbours share {said['drift_mm'] * 1000:.1f} um of it",
-        f"dots: {said['dot_mm'] * 1000:.1f} um (rms per axis), {said['far_off']:.1%} far off and left out",
+        f"{facts['tape']}: {facts['contacts']} of {counted(facts['frames'], 'frame')} located and used",
+        f"parts: {facts['touched']} of {facts['parts']} touched, {facts['missing']} missing, the others "
+        f"{facts['scatter_mm'] * 1000:.1f} um off the design (rms per axis)",
+        f"places: known to {facts['sigma_mm'] * 1000:.1f} um (median); neighbours share {facts['drift_mm'] * 1000:.1f} um of it",
+        f"dots: {facts['dot_mm'] * 1000:.1f} um (rms per axis), {facts['far_off']:.1%} far off and left out",
     ]

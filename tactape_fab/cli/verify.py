@@ -22,7 +22,7 @@ _STAND_IN = (
 if TYPE_CHECKING:
     from tactape_fab.base.errors import Check
     from tactape_fab.verify import Verification
-    from tactape_fab.verify.verification import Said
+    from tactape_fab.verify.verification import OnCheck
 
 
 @click.command()
@@ -56,14 +56,14 @@ def verify(
     Example: tactape-fab verify tactape-s007 --contact 6x6 --map map.png
     """
     with answers():
-        said = (lambda _: None) if as_json else echo_check
-        verification = None if key is None else _signed(kit, key, said)
+        on_check = (lambda _: None) if as_json else echo_check
+        verification = None if key is None else _signed(kit, key, on_check)
         if verification is None or verification.passed:
             before = () if verification is None else verification.checks
             how: dict[str, Any] = {"overwrite": overwrite, "quick": quick, "reproduce": reproduce}
-            verification = _verified(kit, contact, sensor, map_file, said, workers, **how)
+            verification = _verified(kit, contact, sensor, map_file, on_check, workers, **how)
             # without a key the signature comes last: a signed kit gets a warning, an unsigned one no line
-            verification = replace(verification, checks=(*verification.checks, *(before or _signed(kit, None, said).checks)))
+            verification = replace(verification, checks=(*verification.checks, *(before or _signed(kit, None, on_check).checks)))
         clear_step()
         if as_json:
             echo_json(
@@ -83,7 +83,7 @@ def _verified(
     contact: str | None,
     sensor: str | None,
     map_file: str | None,
-    said: Said,
+    on_check: OnCheck,
     workers: str | None,
     *,
     overwrite: bool,
@@ -112,7 +112,7 @@ def _verified(
         path = tried(lambda: refuse_map(kit, map_file, overwrite=overwrite), problems)
     refuse(problems)
     if reproduce:
-        return _reproduced(kit, said, required=True)
+        return _reproduced(kit, on_check, required=True)
     step = step_shown()
 
     def again() -> tuple[Check, ...]:
@@ -121,7 +121,9 @@ def _verified(
         step("made again: kit", 0, 1)
         return _reproduced(kit, lambda _: None, required=False).checks
 
-    verification = verify_kit(kit, quick=quick, contact=touched, progress=step, said=said, beside=again, workers=count or 1)
+    verification = verify_kit(
+        kit, quick=quick, contact=touched, progress=step, on_check=on_check, beside=again, workers=count or 1
+    )
     if path is not None and touched is not None and verification.checks[0].passed:  # only if the manifest can be read
         from tactape_fab.verify.trip.map import map_kit
 
@@ -129,18 +131,18 @@ def _verified(
     return verification
 
 
-def _signed(kit: str, key: str | None, said: Said) -> Verification:
+def _signed(kit: str, key: str | None, on_check: OnCheck) -> Verification:
     """Verification of a kit's signature, before anything else of the kit is read."""
     from tactape_fab.verify.signature import check_signed
     from tactape_fab.verify.verification import collected
 
-    return collected(Path(kit).resolve().name, check_signed(kit, key), said)
+    return collected(Path(kit).resolve().name, check_signed(kit, key), on_check)
 
 
-def _reproduced(kit: str, said: Said, *, required: bool) -> Verification:
+def _reproduced(kit: str, on_check: OnCheck, *, required: bool) -> Verification:
     from tactape_fab.make.reproduce import reproduce_kit
 
     verification = reproduce_kit(kit, required=required)
     for check in verification.checks:
-        said(check)
+        on_check(check)
     return verification

@@ -297,7 +297,7 @@ def _cut(line: str) -> str:
 
 
 def _warn(tallies: Mapping[str, Tally]) -> None:
-    messages = [_of(name, message) for name, tally in tallies.items() for message in tally.unsaid()]
+    messages = [_of(name, message) for name, tally in tallies.items() for message in tally.unreported()]
     if messages:
         clear_step()
         echo_lines_err(f"warning: {with_options(message)}" for message in messages)

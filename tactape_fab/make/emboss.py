@@ -18,7 +18,7 @@ from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.launch import limit_self, too_long
 from tactape_fab.base.libraries import library
-from tactape_fab.base.pool import ProcessPool, tell
+from tactape_fab.base.pool import ProcessPool, send_message
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
@@ -287,7 +287,7 @@ def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progr
 
 def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
     # time per MB, at least one MB, as the CAD kernel needs some time in any case
-    progress, megabytes = tell, max(1.0, len(source.data) / 1e6)
+    progress, megabytes = send_message, max(1.0, len(source.data) / 1e6)
     memory_bytes = STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * len(source.data)
     # limits are set anew before each step (loading the kernel, reading, meshing, fusing), on top of what was used before
     limit_self(cpu_s=_LOADING_S, memory_bytes=memory_bytes)

@@ -67,8 +67,8 @@ def reproduce_kit(path: str | Path, *, required: bool = True) -> Verification:
     except NotReproducibleError as why:
         return _answer(file, Check(name=NAME, passed=False, warning=not required, skipped=True, message=f"not made again: {why}"))
     except (TactapeError, MemoryError, RecursionError) as error:
-        said = "; ".join(str(error).splitlines()) or type(error).__name__
-        return _answer(file, Check(name=NAME, passed=False, message=f"it cannot be made from its manifest: {said}"))
+        fault = "; ".join(str(error).splitlines()) or type(error).__name__
+        return _answer(file, Check(name=NAME, passed=False, message=f"it cannot be made from its manifest: {fault}"))
     message = named(problems) or f"made again from its manifest: {count} files, the same bytes"
     return _answer(file, Check(name=NAME, passed=not problems, message=message, figure=float(count)))
 
@@ -228,18 +228,20 @@ def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> Ex
     table = Fields(content)
     name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     record = table.table("panel")
-    said = read_panel_record(record)
+    recorded = read_panel_record(record)
     if table.problems or record.problems:
         raise SpecError([*table.problems, *record.problems])
     boards = [(tape.tape.board.size_mm, tape.tape.board.corner_radius_mm) for tape in tapes]
-    if any(tape.film is None for tape in tapes) or boards != [(place.size_mm, place.radius_mm) for place in said.places]:
-        raise SpecError(f"its {len(tapes)} tapes are not {said.words} of the sizes that it records")
-    if said.grid is None:
-        panel = plan_packed(said.size_mm, boards, [(place.offset_mm, place.turned) for place in said.places], tapes[0].fab)
+    if any(tape.film is None for tape in tapes) or boards != [(place.size_mm, place.radius_mm) for place in recorded.places]:
+        raise SpecError(f"its {len(tapes)} tapes are not {recorded.words} of the sizes that it records")
+    if recorded.grid is None:
+        panel = plan_packed(
+            recorded.size_mm, boards, [(place.offset_mm, place.turned) for place in recorded.places], tapes[0].fab
+        )
     else:
         # the sides with tabs follow from the recorded numbers of tabs
-        sides = "x" * (said.places[0].tabs_x > 0) + "y" * (said.places[0].tabs_y > 0)
-        panel = plan_panel(*boards[0], said.grid, sides, tapes[0].fab)
+        sides = "x" * (recorded.places[0].tabs_x > 0) + "y" * (recorded.places[0].tabs_y > 0)
+        panel = plan_panel(*boards[0], recorded.grid, sides, tapes[0].fab)
     trials = read_trials(content)[1] if "coupon" in content else ()
     return ExaminedPanel(name=name, tapes=tuple(tapes), panel=panel, remarks=(), trials=trials)
 
@@ -265,8 +267,8 @@ def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tup
     others = {name: (libraries[name], own) for name, own in versions_in_kits().items() if libraries[name] != own}
     # other versions of numpy or zlib may write other bytes for the same content, so a difference proves nothing
     if problems and others:
-        said = ", ".join(f"{name} {shown(theirs)}, here {own}" for name, (theirs, own) in others.items())
-        raise NotReproducibleError(f"{named(problems)}; it was made with {said}: install these to tell whether that is why")
+        values = ", ".join(f"{name} {shown(theirs)}, here {own}" for name, (theirs, own) in others.items())
+        raise NotReproducibleError(f"{named(problems)}; it was made with {values}: install these to tell whether that is why")
     return problems, len(paths) + 1
 
 
@@ -278,8 +280,8 @@ def _read_json(folder: Path) -> dict[str, Any]:
 def _manifest_difference(found: Mapping[str, Any], expected: Mapping[str, Any], problems: Sequence[str]) -> list[str]:
     """Differences of a manifest, without sizes and digests of files that are reported themselves."""
     skipped = {"files"} if problems else set()
-    said, right = ({key: value for key, value in side.items() if key not in skipped} for side in (found, expected))
-    wrong = difference(said, right)
+    written, right = ({key: value for key, value in side.items() if key not in skipped} for side in (found, expected))
+    wrong = difference(written, right)
     if wrong is not None:
         return [f"{MANIFEST_NAME}: {wrong}"]
     return [] if problems else [f"{MANIFEST_NAME} has the right content, but is not written as this version writes it"]

@@ -101,11 +101,11 @@ def _map(certificate: Certificate, size: Closest, cell: int) -> Picture:
     tape = certificate.tape
     field = _field(tape, size.side, cell)
     if size.distance is None:
-        said = ["no whole window"]
+        texts = ["no whole window"]
     else:
         pairs = f"{size.pairs} pair{'s' * (size.pairs != 1)}"
-        said = [f"at least {size.distance} symbols differ ({pairs})", f"detects {size.detects} wrong, corrects {size.corrects}"]
-    lines = [f"{size.side}x{size.side}: {said[0]}", *said[1:]]
+        texts = [f"at least {size.distance} symbols differ ({pairs})", f"detects {size.detects} wrong, corrects {size.corrects}"]
+    lines = [f"{size.side}x{size.side}: {texts[0]}", *texts[1:]]
     if _text_width("; ".join(lines)) <= field.shape[1]:
         lines = ["; ".join(lines)]
     head = _blank(_LINE * len(lines), max(field.shape[1], *map(_text_width, lines)))

@@ -180,8 +180,8 @@ class AsBuilt:
     @property
     def drift_mm(self) -> float:
         """Standard deviation along each axis of the error common to neighbouring parts, which a located position has as well."""
-        said = self.source[-1].get("drift_mm", 0.0) if self.source else 0.0
-        return float(said) if isinstance(said, int | float) and 0.0 <= said <= FARTHEST_MM else 0.0
+        value = self.source[-1].get("drift_mm", 0.0) if self.source else 0.0
+        return float(value) if isinstance(value, int | float) and 0.0 <= value <= FARTHEST_MM else 0.0
 
     @property
     def missing(self) -> int:
@@ -255,8 +255,8 @@ class AsBuilt:
         try:
             return cls.from_mapping(content)
         except SpecError as error:  # the file is named, as the kit's manifest has keys of the same names
-            said = f"{shown_path(file_of(file))}: "
-            raise SpecError([replace(problem, message=said + problem.message) for problem in error.problems]) from None
+            at = f"{shown_path(file_of(file))}: "
+            raise SpecError([replace(problem, message=at + problem.message) for problem in error.problems]) from None
 
     def write(self, path: str | Path) -> Path:
         """Write the file; equal places give equal bytes. An existing file is replaced atomically, a link never.

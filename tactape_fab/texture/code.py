@@ -111,8 +111,8 @@ def get_plane(name: str) -> Plane:
     known = isinstance(name, str) and name in CODES
     plane = CODES[name].plane if known else None
     if plane is None and known:
-        said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit"
-        raise SpecError(Problem("code", f"code = {shown(name)} {said}"))
+        message = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit"
+        raise SpecError(Problem("code", f"code = {shown(name)} {message}"))
     if plane is None:
         raise SpecError(Problem("code", f"code = {shown(name)} is none of: {', '.join(CODE_NAMES)}"))
     return plane

@@ -53,8 +53,8 @@ def read_manifest(file: Path) -> dict[str, Any]:
     """
     content = read_any_manifest(file)
     if content["format"] == PANEL_FORMAT:
-        said = f"{shown_path(file)} is that of a panel, not of one tape"
-        raise SpecError(f"{said}; give the folder of one of the kits on it, such as PANEL/tapes/NAME")
+        message = f"{shown_path(file)} is that of a panel, not of one tape"
+        raise SpecError(f"{message}; give the folder of one of the kits on it, such as PANEL/tapes/NAME")
     return content
 
 

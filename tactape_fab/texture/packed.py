@@ -125,8 +125,8 @@ def _tapes(path: Path, data: SymbolArray, at: int, designs: Sequence[Any], rows:
         columns, high = (of.integer(key, low=1, high=MOST_POINTS) for key in ("columns", "rows"))
         points = columns * high
         if table.problems or points > MOST_POINTS or at + points > len(data):
-            said = table.problems[0].message if table.problems else f"the symbols of {table.where[:-1]} are not all there"
-            raise _refused(path, said)
+            message = table.problems[0].message if table.problems else f"the symbols of {table.where[:-1]} are not all there"
+            raise _refused(path, message)
         symbols = data[at : at + points].reshape(high, columns)
         at += points
         try:

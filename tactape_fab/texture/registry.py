@@ -187,8 +187,8 @@ def refuse_equal_names(tapes: Iterable[Tape], what: str) -> None:
     for tape in tapes:
         other = first.setdefault(tape.name, tape)
         if other is not tape and other.texture_key != tape.texture_key:
-            said = f"tapes of sectors {other.sector} and {tape.sector}" if other.sector != tape.sector else "two tapes"
-            message = f"{said} are both named {tape.name}, and {what} names its tape by that alone"
+            named = f"tapes of sectors {other.sector} and {tape.sector}" if other.sector != tape.sector else "two tapes"
+            message = f"{named} are both named {tape.name}, and {what} names its tape by that alone"
             raise SpecError(Problem("tape", f"{message}; make one of them with another name, or leave it out"))
 
 

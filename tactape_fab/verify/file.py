@@ -13,7 +13,7 @@ from tactape_fab.texture.panel_manifest import is_panel
 from tactape_fab.verify.kit import verify_folder
 from tactape_fab.verify.panel import verify_panel_folder
 from tactape_fab.verify.trip.round_trip import Contact, Progress
-from tactape_fab.verify.verification import Beside, Said, Verification
+from tactape_fab.verify.verification import Beside, OnCheck, Verification
 
 
 def verify_kit(
@@ -22,7 +22,7 @@ def verify_kit(
     quick: bool = False,
     contact: Contact | None = None,
     progress: Progress = lambda *_: None,
-    said: Said = lambda _: None,
+    on_check: OnCheck = lambda _: None,
     beside: Beside = tuple,
     workers: Workers = 1,
 ) -> Verification:
@@ -38,7 +38,7 @@ def verify_kit(
         Sensor and size of the contacts of the full round trip.
     progress : callable
         Called with the name of the step, the amount done and the total.
-    said : callable
+    on_check : callable
         Called with every line as soon as it is known.
     beside : callable
         Further checks of the same files, run while other programs read the models. Not called if the manifest is unreadable.
@@ -62,9 +62,9 @@ def verify_kit(
         raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")
     if is_panel(_format_of(file)):
         return verify_panel_folder(
-            file, quick=quick, contact=contact, progress=progress, said=said, beside=beside, workers=workers
+            file, quick=quick, contact=contact, progress=progress, on_check=on_check, beside=beside, workers=workers
         )
-    return verify_folder(file, quick=quick, contact=contact, progress=progress, said=said, beside=beside)
+    return verify_folder(file, quick=quick, contact=contact, progress=progress, on_check=on_check, beside=beside)
 
 
 def _format_of(file: Path) -> dict[str, Any]:

@@ -141,8 +141,8 @@ def read_files(
             if row.get("sha256") != found[1]:
                 problems.append(f"{path} is not the file that was written: its SHA-256 differs")
             elif row.get("bytes") != len(found[0]):
-                said = f"{path} has {len(found[0])} bytes and the SHA-256 as listed"
-                problems.append(f"{said}, but the manifest lists {shown(row.get('bytes'))} bytes")
+                text = f"{path} has {len(found[0])} bytes and the SHA-256 as listed"
+                problems.append(f"{text}, but the manifest lists {shown(row.get('bytes'))} bytes")
     message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
     checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
     listed.add(AS_BUILT_NAME)  # added by the user; `check_as_built` checks it
@@ -209,12 +209,12 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str, not
         # fails with a second data block, of which the page's script might use another one than this check
         _, text = file.data.split(_DATA)
         content = parse_json(text[: text.index(_DATA_END)])
-        told = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
+        by_path = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
         listed = {
             str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in manifest["files"] if row["role"] != REPORT
         }
         count = len(listed)
-        differing = [path for path in sorted(told.keys() | listed.keys()) if told.get(path) != listed.get(path)]
+        differing = [path for path in sorted(by_path.keys() | listed.keys()) if by_path.get(path) != listed.get(path)]
         if content["name"] != manifest["name"]:
             problem = f"it is that of another {what}"
         elif differing:
@@ -262,8 +262,8 @@ def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
         measured = tape.with_as_built(manifest)
     except SpecError as error:
         first, *more = error.problems  # a check is one line
-        said = f"{first.message}{f' (and {len(more)} more)' if more else ''}"
-        return tape, [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {said}; or delete the file")]
+        text = f"{first.message}{f' (and {len(more)} more)' if more else ''}"
+        return tape, [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {text}; or delete the file")]
     if (built := measured.as_built) is None:
         return tape, []
     sources = ", ".join(dict.fromkeys(str(entry["kind"]) for entry in built.source)) or "a source that it does not name"

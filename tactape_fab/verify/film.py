@@ -251,8 +251,8 @@ def _name_problems(files: Mapping[str, WrittenFile], record: FilmManifest) -> It
 def _pad_problems(content: GerberContent, part: str) -> Iterator[str]:
     """Problems of pads without a component, or with another function; only a panel has fiducials."""
     functions = [content.aperture_functions[i] for i in content.flash_aperture]
-    said = {(function, name != "") for function, name in zip(functions, content.flash_component, strict=True)}
-    said -= {("SMDPad,CuDef", True)} | ({("FiducialPad,Global", False)} if part == "Array" else set())
-    if ("SMDPad,CuDef", False) in said:
+    attributes = {(function, name != "") for function, name in zip(functions, content.flash_component, strict=True)}
+    attributes -= {("SMDPad,CuDef", True)} | ({("FiducialPad,Global", False)} if part == "Array" else set())
+    if ("SMDPad,CuDef", False) in attributes:
         yield "copper-top has pads without .P"
-    yield from (f"copper-top has pads of function {shown(name)}" for name, _ in sorted(said) if name != "SMDPad,CuDef")
+    yield from (f"copper-top has pads of function {shown(name)}" for name, _ in sorted(attributes) if name != "SMDPad,CuDef")

@@ -61,7 +61,7 @@ from tactape_fab.verify.pictured import Pictured
 from tactape_fab.verify.spec_record import contradictions
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
 from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, check_measured, full_trips, quick_trip, trip_checks
-from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
+from tactape_fab.verify.verification import Beside, OnCheck, Verification, collected, unreadable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,16 +91,16 @@ def verify_folder(
     quick: bool,
     contact: Contact | None = None,
     progress: Progress = lambda *_: None,
-    said: Said = lambda _: None,
+    on_check: OnCheck = lambda _: None,
     beside: Beside = tuple,
 ) -> Verification:
     """Verify the kit of `manifest_file`; the name of its folder does not matter."""
     try:
         record = _read_record(manifest_file)
     except SpecError as error:
-        return unreadable(manifest_file.parent.name, error, said)
+        return unreadable(manifest_file.parent.name, error, on_check)
     asked, trips = _Asked(quick=quick, contact=contact, progress=progress, beside=beside), list[Trip]()
-    return collected(record.tape.name, _checks(manifest_file, record, asked, trips), said, trips)
+    return collected(record.tape.name, _checks(manifest_file, record, asked, trips), on_check, trips)
 
 
 def _read_record(manifest_file: Path) -> _Record:
@@ -120,8 +120,10 @@ def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Tri
     """Every line as soon as it is known, those of other programs last; full round trips are appended to `trips`."""
     tape, kind, film = record.tape, record.kind, record.film
     problems = contradictions(record.manifest, tape)
-    said = named([p.message for p in problems]) if problems else f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}"
-    yield Check(name="manifest", passed=not problems, message=said)
+    message = (
+        named([p.message for p in problems]) if problems else f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}"
+    )
+    yield Check(name="manifest", passed=not problems, message=message)
     listed, file_checks = read_files(manifest_file.parent, record.manifest, count_of(tape))
     backings = () if film is None else tuple(film.film.backings)
     expected = roles_of(tape, kind, models=record.form is not None, backings=backings)

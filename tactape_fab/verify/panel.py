@@ -58,7 +58,7 @@ from tactape_fab.verify.layers.panel_frame import check_cut, check_rails
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.pictured import Pictured
 from tactape_fab.verify.trip.round_trip import Contact, Progress
-from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
+from tactape_fab.verify.verification import Beside, OnCheck, Verification, collected, unreadable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ def verify_panel_folder(
     kits: bool = True,
     contact: Contact | None = None,
     progress: Progress = lambda *_: None,
-    said: Said = lambda _: None,
+    on_check: OnCheck = lambda _: None,
     beside: Beside = tuple,
     workers: Workers = 1,
 ) -> Verification:
@@ -101,7 +101,7 @@ def verify_panel_folder(
         if any(tape.tape.part.shape != "block" or tape.tape.surface is not None for tape in tapes):
             raise SpecError("a kit on it is no film with parts")
     except SpecError as error:
-        return unreadable(folder.name, error, said)
+        return unreadable(folder.name, error, on_check)
 
     def lines() -> Iterator[Check]:
         yield from _checks(folder, manifest, record, tapes, quick=quick)
@@ -114,7 +114,7 @@ def verify_panel_folder(
                     progress("kits", done, len(folders))
         yield from beside()
 
-    return collected(record.name, lines(), said)
+    return collected(record.name, lines(), on_check)
 
 
 def _kit_folders(record: _PanelRecord) -> list[str]:
@@ -194,10 +194,10 @@ def _overlaps(panel: Panel) -> list[str]:
     # gap of two boxes along each axis, negative if they overlap; the larger one is their distance
     apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=-1)
     np.fill_diagonal(apart, np.inf)
-    said = ["a tape lies on the rails"] if off else []
+    problems = ["a tape lies on the rails"] if off else []
     # packed tapes do not share slots
     near = apart.min(initial=np.inf) < 2 * panel.gap_mm - PLACE_TOLERANCE_MM
-    return [*said, "two tapes lie nearer than two slots"] if near else said
+    return [*problems, "two tapes lie nearer than two slots"] if near else problems
 
 
 def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
@@ -277,8 +277,8 @@ def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:
 
 
 def _check_kit(folder: Path, *, quick: bool, contact: Contact | None, progress: Progress | None) -> list[Check]:
-    told = progress or (lambda *_: None)  # a worker process has no progress function
-    verification = verify_folder(folder / "manifest.json", quick=quick, contact=contact, progress=told)
+    on_progress = progress or (lambda *_: None)  # a worker process has no progress function
+    verification = verify_folder(folder / "manifest.json", quick=quick, contact=contact, progress=on_progress)
     return _folded(f"kit {verification.name}", verification.checks, "of its own files")
 
 

@@ -11,7 +11,7 @@ from tactape_fab.base.errors import Check, SpecError, VerifyError
 if TYPE_CHECKING:
     from tactape_fab.verify.trip.round_trip import Trip
 
-Said = Callable[[Check], None]
+OnCheck = Callable[[Check], None]
 """Called with every line as soon as it is known."""
 Beside = Callable[[], Iterable[Check]]
 """Further checks of the same files, run while other programs read the models."""
@@ -52,16 +52,16 @@ class Verification:
             raise VerifyError(self.checks)
 
 
-def collected(name: str, lines: Iterable[Check], said: Said, trips: Sequence[Trip] = ()) -> Verification:
+def collected(name: str, lines: Iterable[Check], on_check: OnCheck, trips: Sequence[Trip] = ()) -> Verification:
     """Collect lines into a verification, reporting each as it comes; `trips` may grow meanwhile."""
     checks = []
     for line in lines:
         checks.append(line)
-        said(line)
+        on_check(line)
     return Verification(name=name, checks=tuple(checks), trips=tuple(trips))
 
 
-def unreadable(name: str, error: SpecError, said: Said) -> Verification:
+def unreadable(name: str, error: SpecError, on_check: OnCheck) -> Verification:
     """Verification with the single failed line that the manifest cannot be read."""
     message = "; ".join(str(error).splitlines())
-    return collected(name, [Check(name="manifest", passed=False, message=message)], said)
+    return collected(name, [Check(name="manifest", passed=False, message=message)], on_check)

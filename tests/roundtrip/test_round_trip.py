@@ -323,7 +323,7 @@ def test_who_knows_the_parts_locates_whatever_the_decoder_does(default_kit: Kit)
         pose = np.array([*frame.position_mm, frame.theta_deg])
         if localizer.locate(frame.depth).located:
             located += 1
-            known += all(as_seen(rule, pose, contact.scene, frame.depth, told_parts=told).located for told in (True, False))
+            known += all(as_seen(rule, pose, contact.scene, frame.depth, known_parts=told).located for told in (True, False))
     assert 10 < located < 60 and known == located
 
 
@@ -332,7 +332,7 @@ def test_bounds_hardly_depend_on_whether_symbols_are_known_when_the_grid_is_fitt
     localizer, rule, ratios = Localizer([tape], contact.sensor), rule_of(tape, contact.sensor), list[float]()
     for frame in iterate_frames(tape, 60, 3, contact.sensor, contact.scene):
         fix, pose = localizer.locate(frame.depth), np.array([*frame.position_mm, frame.theta_deg])
-        known = as_seen(rule, pose, contact.scene, frame.depth, told_parts=False)
+        known = as_seen(rule, pose, contact.scene, frame.depth, known_parts=False)
         if known.p_tape is not None and known.p_tape < 1e-3:
             assert fix.p_tape is not None
             ratios.append(fix.p_tape / known.p_tape)

@@ -280,14 +280,14 @@ def _tag_problems(spec: TapeSpec, first: int, count: int, sectors: Sequence[int]
         return [Problem("tag_id", message)]
     if spec.tag == "none" or last < TAG_IDS:
         return []
-    said = "sectors ask" if sectors is not None else f"sector = {first} on a panel of {count} tapes asks"
-    message = f"{said} for tags up to {last}, but the last id of {TAG_FAMILY} is {TAG_IDS - 1}; {within}, or use --tag none"
+    asked = "sectors ask" if sectors is not None else f"sector = {first} on a panel of {count} tapes asks"
+    message = f"{asked} for tags up to {last}, but the last id of {TAG_FAMILY} is {TAG_IDS - 1}; {within}, or use --tag none"
     return [Problem("tag_id", message, needs=("sector", "code", "tag"))]
 
 
 def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profile: bool, filled: bool) -> list[str]:
     width, height = panel.size_mm
-    said = []
+    remarks = []
     if by_profile:
         least, most = fab.panel.smallest_mm, fab.panel.largest_mm
         added = (
@@ -295,16 +295,16 @@ def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profil
             if filled and len(sectors) > 1
             else _listed(sectors)
         )
-        said.append(
+        remarks.append(
             f"panel: assembly at {fab.name} takes {least[0]:g} x {least[1]:g} to {most[0]:g} x {most[1]:g} mm with rails, so "
             f"{panel.words} go on {width:g} x {height:g} mm: sector {added}; "
             f"{'--sectors names others, ' if filled else ''}--panel none makes tapes alone"
         )
     if len(set(sectors)) < len(sectors):
-        said.append(
+        remarks.append(
             f"warning: all {len(sectors)} tapes show sector {sectors[0]}: a contact cannot tell one of these copies from another"
         )
-    return said
+    return remarks
 
 
 def _listed(sectors: Sequence[int]) -> str:

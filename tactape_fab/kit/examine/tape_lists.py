@@ -207,8 +207,8 @@ class _Tally:
         if entry.where not in kind.tables:
             kind.tables.add(entry.where)
             # for a kind that occurs in several tables, remarks are reported once, broken rules once per table
-            said = [finding for finding in kind.findings if finding.blocks or len(kind.tables) == 1]
-            self.findings += [replace(finding, message=entry.where + finding.message) for finding in said]
+            reported = [finding for finding in kind.findings if finding.blocks or len(kind.tables) == 1]
+            self.findings += [replace(finding, message=entry.where + finding.message) for finding in reported]
             self._refuse(entry, kind.refusal)
 
     def _first(self, entry: TapeEntry, kind: _Kind) -> None:
@@ -249,14 +249,14 @@ class _Tally:
 
     def problems(self) -> list[Problem]:
         """Every problem; of many tapes with the same refused key only the first few are named."""
-        told: list[Problem] = []
+        named: list[Problem] = []
         for (where, key), kept in self._problems.items():
             several = list(kept.values())
-            told += several[:_NAMED]
+            named += several[:_NAMED]
             if len(several) > _NAMED:
                 message = f"{where}{len(several) - _NAMED} more sectors are refused for their {key}; give fewer of them"
-                told.append(Problem(key, message))
-        return told
+                named.append(Problem(key, message))
+        return named
 
 
 def _unpackable(examined: Examined) -> list[Problem]:

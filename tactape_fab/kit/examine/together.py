@@ -35,11 +35,11 @@ def together_findings(
     found = [c for c in _conflicts(tapes, copies) if new is None or c.tapes[0] < new]
     if not found:
         return ()
-    said = "; ".join(c.message for c in found[:_NAMED])
+    text = "; ".join(c.message for c in found[:_NAMED])
     more = f" and {len(found) - _NAMED} more conflicts" if len(found) > _NAMED else ""
     by_id = all(c.kind == "tag" and _of_given_id([tapes[i] for i in c.tapes], new) for c in found)
     way = "leave out --tag-id, or tag_id in the TOML file" if by_id else remedy(found)
-    message = f"{said}{more}" + (f"; {way}" if way else "")
+    message = f"{text}{more}" + (f"; {way}" if way else "")
     return (Finding(rule="together", level="warn", passed=False, unit="", message=message),)
 
 

@@ -74,8 +74,8 @@ def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabPro
     remedy = "use another --size, or --panel none" if nearest is None else f"use --panel {nearest[0]}x{nearest[1]}"
     if nearest is not None and named not in (None, nearest[0] * nearest[1]):
         remedy += f", and name {nearest[0] * nearest[1]} sectors"
-    said = f"panel = {arrangement[0]}x{arrangement[1]} of {tape_mm[0]:g} x {tape_mm[1]:g} mm tapes"
-    return Problem("panel", f"{said} is {size[0]:g} x {size[1]:g} mm, but {_takes(fab)}; {remedy}")
+    given = f"panel = {arrangement[0]}x{arrangement[1]} of {tape_mm[0]:g} x {tape_mm[1]:g} mm tapes"
+    return Problem("panel", f"{given} is {size[0]:g} x {size[1]:g} mm, but {_takes(fab)}; {remedy}")
 
 
 def nearest_arrangement(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile) -> tuple[int, int] | None:

@@ -79,10 +79,10 @@ def confirm(
     problems = []
     for key, sectors in (("held", held), ("failed", failed)):
         if strange := sorted(set(sectors) - known):
-            said = (
+            line = (
                 f"{key} = {', '.join(map(str, strange))} is no sector of the coupon; give those of {min(known)} to {max(known)}"
             )
-            problems.append(Problem(key, said))
+            problems.append(Problem(key, line))
     if both := sorted(set(held) & set(failed)):
         problems.append(Problem("held", f"--held and --failed both name sector {', '.join(map(str, both))}; leave it out of one"))
     whole, broken = ([trial for trial in trials if trial.sector in of] for of in (held, failed))

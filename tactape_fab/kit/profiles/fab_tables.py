@@ -94,13 +94,13 @@ def read_modes(coverlay: Fields) -> tuple[CoverlayMode, ...]:
     """Ways in which the fab opens the coverlay, the preferred one first."""
     modes = list(coverlay.rows("modes", longest=len(COVERLAY_MODES)))
     wrong = [mode for mode in modes if mode not in COVERLAY_MODES]
-    said = f"modes = {shown(modes)}"
+    given = f"modes = {shown(modes)}"
     if wrong:
-        coverlay.problem("modes", f"{said} holds {shown(wrong[0])}, which is none of: {', '.join(COVERLAY_MODES)}; correct it")
+        coverlay.problem("modes", f"{given} holds {shown(wrong[0])}, which is none of: {', '.join(COVERLAY_MODES)}; correct it")
     elif len(set(modes)) != len(modes) or (not modes and isinstance(coverlay.values.get("modes"), list)):
-        coverlay.problem("modes", f"{said} must name one mode or more, each once; correct it")
+        coverlay.problem("modes", f"{given} must name one mode or more, each once; correct it")
     elif {"per-part", "lpi"} <= set(modes):
-        coverlay.problem("modes", f"{said} holds both 'per-part' and 'lpi', whose limits differ; give each a profile of its own")
+        coverlay.problem("modes", f"{given} holds both 'per-part' and 'lpi', whose limits differ; give each a profile of its own")
     else:
         return tuple(cast(CoverlayMode, mode) for mode in modes) or COVERLAY_MODES[:1]
     return COVERLAY_MODES[:1]

@@ -148,22 +148,22 @@ def element_problem(
     """
     length_mm, width_mm, height_mm = size_mm
     if shape == "block":
-        said = f"{top_key} is for a dome, and this is a block; leave it out"
-        return None if top_mm is None else (top_key, said)
+        message = f"{top_key} is for a dome, and this is a block; leave it out"
+        return None if top_mm is None else (top_key, message)
     if length_mm != width_mm:
-        said = (
+        message = (
             f"{size_key} = {length_mm:g} x {width_mm:g} x {height_mm:g} mm stands on no circle; a dome has one diameter, give it"
         )
-        return size_key, said
+        return size_key, message
     if top_mm is not None:
-        said = f"{top_key} = {top_mm:g} mm is not between 0 and {length_mm:g} mm, the diameter of the foot; use a smaller top"
-        return None if 0.0 < top_mm < length_mm else (top_key, said)
-    said = (
+        message = f"{top_key} = {top_mm:g} mm is not between 0 and {length_mm:g} mm, the diameter of the foot; use a smaller top"
+        return None if 0.0 < top_mm < length_mm else (top_key, message)
+    message = (
         f"{size_key} = {length_mm:g} x {height_mm:g} mm is no spherical cap, whose height is below its radius "
         f"{length_mm / 2:g} mm; use a lower dome, or a flat top"
     )
     # a cap of height h on a circle of radius a is part of a sphere of radius (a^2 + h^2) / (2 h); at h = a it is a half sphere
-    return None if height_mm < length_mm / 2 else (size_key, said)
+    return None if height_mm < length_mm / 2 else (size_key, message)
 
 
 def _part_name(table: Fields) -> str:

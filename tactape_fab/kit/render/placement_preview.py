@@ -119,12 +119,12 @@ def _part(centre: FloatArray, rotation_deg: float, name: str, body: FloatArray) 
     corners = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
     inner = half[0] * (1 - 2 * _TERMINAL_SHARE)
     end = np.array([(half[0], -half[1]), (half[0], half[1]), (inner, half[1]), (inner, -half[1])])
-    said = [_area(rotate(corners, rotation_deg) + centre, BODY)]
-    said += [_area(rotate(side * end, rotation_deg) + centre, TERMINAL) for side in (1, -1)]
+    drawn = [_area(rotate(corners, rotation_deg) + centre, BODY)]
+    drawn += [_area(rotate(side * end, rotation_deg) + centre, TERMINAL) for side in (1, -1)]
     x, y = _units(rotate([(-half[0] - 1.6 * _MARK_MM, 0.0)], rotation_deg)[0] + centre)
-    said.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{_MARK_MM * _UNITS_PER_MM:g}" fill="{_MARK}"/>')
+    drawn.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{_MARK_MM * _UNITS_PER_MM:g}" fill="{_MARK}"/>')
     below = rotate([(0.0, -1.0)], rotation_deg)[0] * (half[1] + 1.2 * _TEXT_MM)
-    return [*said, _words(centre + below, name, _INK)]
+    return [*drawn, _words(centre + below, name, _INK)]
 
 
 def _angle(centre: FloatArray, rotation_deg: float, body: FloatArray) -> list[str]:

@@ -25,25 +25,25 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
     problems = []
     if spec.coverlay is not None and spec.coverlay not in fab.coverlay_modes:
         profile = ", or " + words if (words := _other_fab(spec, part, spec.coverlay)) else ""
-        said = f"coverlay = '{spec.coverlay}' is not what {fab.name} does; leave out --coverlay{profile}"
-        problems.append(Problem("coverlay", said))
+        message = f"coverlay = '{spec.coverlay}' is not what {fab.name} does; leave out --coverlay{profile}"
+        problems.append(Problem("coverlay", message))
     for key, given, backing in (("stiffener", spec.stiffener, fab.stiffener), ("adhesive", spec.adhesive, fab.adhesive)):
         if given is not None and given not in backing.choices:
             known = ", ".join(choice.replace(" ", ":") for choice in backing.choices)
             remedy = f"{fab.name} has: {known}; give one of them" if known else f"{fab.name} has none; leave out --{key}"
             problems.append(Problem(key, f"{key} = '{given.replace(' ', ':')}' is not available; {remedy}"))
     if spec.bend_radius_mm is not None and fab.bend is None:
-        said = f"bend_radius_mm = {spec.bend_radius_mm:g} mm contradicts fab = '{fab.name}', a rigid board; "
-        said += "leave out --bend-axis and --bend-radius, or use --fab generic-fpc"
-        problems.append(Problem("bend_radius_mm", said))
+        message = f"bend_radius_mm = {spec.bend_radius_mm:g} mm contradicts fab = '{fab.name}', a rigid board; "
+        message += "leave out --bend-axis and --bend-radius, or use --fab generic-fpc"
+        problems.append(Problem("bend_radius_mm", message))
     if spec.anchor == "mesh" and spec.rotation_deg % 90.0 != 45.0:
-        said = f"anchor = 'mesh' contradicts rotation_deg = {spec.rotation_deg:g} deg: its webs lie along the parts"
+        message = f"anchor = 'mesh' contradicts rotation_deg = {spec.rotation_deg:g} deg: its webs lie along the parts"
         turned, spurs = (
             film_remedy(other, fab, part).options()
             for other in (spec.but(rotation_deg=45.0, anchor="mesh"), spec.but(anchor="spur"))
         )
         ways = [f"--rotation 45 {turned}"] * (turned is not None) + [f"--anchor spur {spurs}"] * (spurs is not None)
-        problems.append(Problem("anchor", f"{said}; use {', or '.join(way.strip() for way in [*ways, '--anchor none'])}"))
+        problems.append(Problem("anchor", f"{message}; use {', or '.join(way.strip() for way in [*ways, '--anchor none'])}"))
     return problems
 
 
@@ -143,10 +143,10 @@ def _anchors(anchors: Sequence[Mode], layout: Layout, spec: TapeSpec, fab: FabPr
     yield Finding(rule="anchor", level="info", passed=True, value=held / pads, unit="", message=message)
     if spec.anchor != "none" and layout.anchors is None:
         remedy = _anchor_remedy(spec.anchor, layout.part, spec, fab)
-        said = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it"
-        said += f", {fab.coverlay_modes[0]} with it is legal further apart; use {remedy}, or --anchor none" if remedy else ""
-        said += "" if remedy else "; use --anchor none"
-        yield Finding(rule="anchor-opening", level="block", passed=False, unit="", message=said)
+        start = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it"
+        start += f", {fab.coverlay_modes[0]} with it is legal further apart; use {remedy}, or --anchor none" if remedy else ""
+        start += "" if remedy else "; use --anchor none"
+        yield Finding(rule="anchor-opening", level="block", passed=False, unit="", message=start)
     if layout.anchors is not None:
         yield _anchor_gap(layout, spec, fab)
         if layout.anchors.mode == "spur":
@@ -296,8 +296,8 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
     small, large = any(too_short), any(too_long)
     # the side that is too long, else the one that is too short; if both are, the longer or the shorter one
     side = too_long.index(True) if large else (0 if too_short == [True, False] else 1)
-    said = f"assembly takes {panel.smallest_mm[0]:g} x {panel.smallest_mm[1]:g} to {panel.largest_mm[0]:g} x "
-    said += f"{panel.largest_mm[1]:g} mm; the {what} is {board_mm[0]:g} x {board_mm[1]:g} mm"
+    message = f"assembly takes {panel.smallest_mm[0]:g} x {panel.smallest_mm[1]:g} to {panel.largest_mm[0]:g} x "
+    message += f"{panel.largest_mm[1]:g} mm; the {what} is {board_mm[0]:g} x {board_mm[1]:g} mm"
     remedy = _size_remedy(size_mm, board_mm[0] >= board_mm[1], fab, small=small, large=large)
     yield Finding(
         rule="assembly-size",
@@ -306,7 +306,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
         value=size_mm[side],
         limit=(panel.largest_mm if large else panel.smallest_mm)[side],
         **cited(panel.origin),
-        message=said + remedy,
+        message=message + remedy,
     )
 
 
@@ -334,8 +334,8 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
     thick_mm = fab.material.thickness_mm + sum(backings)
     least_mm = fab.bend.least_thicknesses * thick_mm
     passed = spec.bend_radius_mm >= least_mm - TOLERANCE_MM
-    said = f"bend radius {spec.bend_radius_mm:g} mm round {spec.bend_axis} {'meets' if passed else 'is below'} {least_mm:.2f} mm"
-    said += f", {fab.bend.least_thicknesses:g} times {thick_mm:g} mm of film and what is laminated to it"
+    start = f"bend radius {spec.bend_radius_mm:g} mm round {spec.bend_axis} {'meets' if passed else 'is below'} {least_mm:.2f} mm"
+    start += f", {fab.bend.least_thicknesses:g} times {thick_mm:g} mm of film and what is laminated to it"
     yield Finding(
         rule="bend-radius",
         level="warn",
@@ -344,7 +344,7 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
         limit=least_mm,
         **cited(fab.bend.origin),
         # rounded up to a micrometre, so that the typed value meets the limit
-        message=said if passed else f"{said}; bend it less, --bend-radius {ceil(least_mm * 1000 - 1e-6) / 1000:g}",
+        message=start if passed else f"{start}; bend it less, --bend-radius {ceil(least_mm * 1000 - 1e-6) / 1000:g}",
     )
     # the rigid body is a chord of its whole extent along the bent axis
     stiff_mm = 2 * reach_mm(layout.outlines.body)["xy".index(str(spec.bend_axis))]

@@ -144,9 +144,9 @@ class Remedy:
         """The remedy as a sentence: ``use --w 2.056 --delta 0.25, or --delta 0.2``; "" if there is none."""
         options = self.options()
         smaller = self.smaller()
-        said = [f"use {options.strip()}"] if options else []
-        said += [f"--delta {smaller:g}" if said else f"use --delta {smaller:g}"] if smaller is not None else []
-        return ", or ".join(said)
+        parts = [f"use {options.strip()}"] if options else []
+        parts += [f"--delta {smaller:g}" if parts else f"use --delta {smaller:g}"] if smaller is not None else []
+        return ", or ".join(parts)
 
     def _least(self, displacement_mm: float) -> float | None:
         placing = Placing(rotation_deg=self.spec.rotation_deg, displacement_mm=displacement_mm, directions=self.spec.directions)
@@ -228,12 +228,12 @@ def film_parts(fits: Callable[[PartProfile], bool]) -> Iterator[PartProfile]:
 
 def wider_words(spec: TapeSpec, fab: FabProfile, part: PartProfile, rule: str) -> str:
     """Remedy for a gap rule of a film: W and Δ, or Δ, or parts rotated by 45 degrees."""
-    said = [words] if (words := film_remedy(spec, fab, part, [rule]).words()) else []
+    parts = [words] if (words := film_remedy(spec, fab, part, [rule]).words()) else []
     if spec.rotation_deg % 90.0 != 45.0:
         turned = film_remedy(spec.but(rotation_deg=45.0), fab, part, [rule]).options()
         if turned == "":
-            said.append("--rotation 45" if said else "use --rotation 45")
-    return ", or ".join(said) or f"no W up to {MOST_PITCH_MM:g} mm does; use another --part"
+            parts.append("--rotation 45" if parts else "use --rotation 45")
+    return ", or ".join(parts) or f"no W up to {MOST_PITCH_MM:g} mm does; use another --part"
 
 
 def opening_words(spec: TapeSpec, fab: FabProfile, limit_mm: float) -> str:

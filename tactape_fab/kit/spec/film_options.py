@@ -26,8 +26,8 @@ def read_film_options(table: Fields, *, solid: bool) -> dict[str, Any]:
     """
     if solid:
         for key in (k for k in FILM_KEYS if k in table.values and table.values[k] != "none"):
-            said = f"{key} = {shown(table.values[key])} contradicts a solid element, which has no film"
-            table.problem(key, f"{said}; leave out {_FLAGS[key]}")
+            message = f"{key} = {shown(table.values[key])} contradicts a solid element, which has no film"
+            table.problem(key, f"{message}; leave out {_FLAGS[key]}")
         return {**dict.fromkeys(FILM_KEYS), "anchor": "none"}
     values = {
         "coverlay": table.text("coverlay", choices=COVERLAY_MODES) or None if "coverlay" in table.values else None,
@@ -37,8 +37,8 @@ def read_film_options(table: Fields, *, solid: bool) -> dict[str, Any]:
         **_bend(table),
     }
     if values["anchor"] != "none" and values["coverlay"] == "gang":
-        said = f"anchor = '{values['anchor']}' contradicts coverlay = 'gang', which leaves no coverlay to hold an anchor"
-        table.problem("anchor", f"{said}; give one of them")
+        message = f"anchor = '{values['anchor']}' contradicts coverlay = 'gang', which leaves no coverlay to hold an anchor"
+        table.problem("anchor", f"{message}; give one of them")
         values["anchor"] = "none"
     return values
 
@@ -60,8 +60,8 @@ def _bend(table: Fields) -> dict[str, Any]:
     given = [key for key in ("bend_axis", "bend_radius_mm") if key in table.values]
     if len(given) == 1:
         missing = "--bend-radius MM" if given[0] == "bend_axis" else "--bend-axis x or y"
-        said = f"{given[0]} = {shown(table.values[given[0]])} has no effect alone"
-        table.problem(given[0], f"{said}; give {missing} too, or leave out {_FLAGS[given[0]]}")
+        message = f"{given[0]} = {shown(table.values[given[0]])} has no effect alone"
+        table.problem(given[0], f"{message}; give {missing} too, or leave out {_FLAGS[given[0]]}")
     if len(given) < 2:
         return {"bend_axis": None, "bend_radius_mm": None}
     remedy = "--bend-radius is the radius that the tape is bent to, in millimetres"

@@ -60,8 +60,8 @@ def read_panel_request(values: Mapping[str, Any], *, films: bool = True) -> tupl
             "sectors", f"sectors = {shown(values['sectors'])} and sector = {shown(values['sector'])} are given; give one of them"
         )
     if sectors is not None and same_sector:
-        said = f"same_sector contradicts sectors = {shown(values['sectors'])}, one for each tape"
-        table.problem("same_sector", f"{said}; give --sector N in their place")
+        message = f"same_sector contradicts sectors = {shown(values['sectors'])}, one for each tape"
+        table.problem("same_sector", f"{message}; give --sector N in their place")
     if films and arrangement is not None and sectors is not None and arrangement[0] * arrangement[1] != len(sectors):
         count = arrangement[0] * arrangement[1]
         table.problem(

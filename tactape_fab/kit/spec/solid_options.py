@@ -147,8 +147,8 @@ def _base(table: Fields) -> float:
 def _cylinder(table: Fields) -> dict[str, Any]:
     if "cylinder_mm" not in table.values:
         for key in _given(table, _OF_A_CYLINDER):
-            said = f"{key} = {shown(table.values[key])} has no effect without a cylinder"
-            table.problem(key, f"{said}; give --cylinder RADIUS too, or leave out {OPTIONS[key]}")
+            message = f"{key} = {shown(table.values[key])} has no effect without a cylinder"
+            table.problem(key, f"{message}; give --cylinder RADIUS too, or leave out {OPTIONS[key]}")
         return {"cylinder_mm": None, "around": None, "shell": None}
     remedy = "--cylinder is the radius of the surface under the texture, in millimetres"
     radius_mm = table.number("cylinder_mm", above=0.0, high=MOST_CYLINDER_MM, remedy=remedy, default=MOST_CYLINDER_MM)

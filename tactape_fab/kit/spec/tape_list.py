@@ -67,8 +67,8 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
     elif "tapes" not in values:
         entries = _of_sectors({**shared, **options}, "", problems)
     elif not isinstance(values["tapes"], list) or not values["tapes"]:
-        said = shown(values["tapes"])
-        problems.append(Problem("tapes", f"tapes = {said} is no list of tapes; give each a table of its own, [[tapes]]"))
+        given = shown(values["tapes"])
+        problems.append(Problem("tapes", f"tapes = {given} is no list of tapes; give each a table of its own, [[tapes]]"))
     elif len(values["tapes"]) > MOST_TAPES:
         message = f"tapes = {len(values['tapes'])} tables, more than {MOST_TAPES}; make them in several runs"
         return [], [*problems, Problem("tapes", message)]

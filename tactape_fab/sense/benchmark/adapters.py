@@ -88,9 +88,9 @@ def open_benchmark(folder: str | Path) -> Benchmark:
 def changed_files(folder: str | Path) -> list[str]:
     """Files of a data set that are not what its index says. Raises SpecError."""
     changed = []
-    for name, said in read_index(folder)["files"].items():
+    for name, listed in read_index(folder)["files"].items():
         try:
-            same = sha256_of(Path(folder) / name) == said
+            same = sha256_of(Path(folder) / name) == listed
         except OSError:
             same = False
         changed += [] if same else [name]
@@ -103,7 +103,7 @@ def answer_lines(name: str, adapter: Adapter, benchmark: Benchmark, progress: Pr
     Times are those of the processor: what else the machine does hardly counts. The first frame is located twice, so that what is
     loaded or compiled for it does not count either.
     """
-    locate, say = adapter(benchmark)
+    locate, line_of = adapter(benchmark)
     yield json.dumps({"format": ANSWERS, "method": name})
     for k, depth in enumerate(benchmark.frames.frames()):
         if k == 0:
@@ -112,4 +112,4 @@ def answer_lines(name: str, adapter: Adapter, benchmark: Benchmark, progress: Pr
         found = locate(depth)
         elapsed_ms = 1000.0 * (process_time() - start)
         progress("frames", k + 1, benchmark.frames.count)
-        yield json.dumps({**say(found), "frame": k, "elapsed_ms": round(elapsed_ms, 4)}, allow_nan=False)
+        yield json.dumps({**line_of(found), "frame": k, "elapsed_ms": round(elapsed_ms, 4)}, allow_nan=False)

@@ -152,10 +152,10 @@ def _percentile(values: Any, percent: float) -> float | None:
 
 def calibration(answers: Mapping[int, Answer], truth: Sequence[Truth]) -> list[tuple[float, float, int, float, int]]:
     """Classes of p_false: bounds, places in it (of frames located or not), the sum of their p_false, and how many are wrong."""
-    said = [(a.p_false, is_right(error_of(a, truth[k]))) for k, a in answers.items() if a.p_false is not None and a.position_mm]
+    pairs = [(a.p_false, is_right(error_of(a, truth[k]))) for k, a in answers.items() if a.p_false is not None and a.position_mm]
     found = []
     for low, high in pairwise(STEPS):
-        inside = [(p, right) for p, right in said if low <= p < high or (high == STEPS[-1] and p >= high)]
+        inside = [(p, right) for p, right in pairs if low <= p < high or (high == STEPS[-1] and p >= high)]
         found.append((low, high, len(inside), float(sum(min(p, 1.0) for p, _ in inside)), sum(not right for _, right in inside)))
     return found
 

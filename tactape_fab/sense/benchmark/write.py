@@ -82,12 +82,12 @@ def write_benchmark(
             tape = tape_of(sector)
             (partial / "tapes" / f"{tape.name}.json").write_bytes(_json({"format": MANIFEST_FORMAT, **tape.to_mapping()}))
         sums = {path.relative_to(partial).as_posix(): sha256_of(path) for path in sorted(partial.rglob("*.*")) if path.is_file()}
-        said = b"".join([_line({"format": TRUTH_FORMAT, "seed": seed}), *map(_line, truth)])
-        truth_sum = hashlib.sha256(said).hexdigest()
+        lines = b"".join([_line({"format": TRUTH_FORMAT, "seed": seed}), *map(_line, truth)])
+        truth_sum = hashlib.sha256(lines).hexdigest()
         index = {"format": FORMAT, "frames": len(truth), "unit_mm": UNIT_MM, "files": sums, "truth_sha256": truth_sum}
         (partial / INDEX).write_bytes(_json(index))
         sync_below(partial)
-        write_file(truth_path(folder), said, "folder", overwrite=False)
+        write_file(truth_path(folder), lines, "folder", overwrite=False)
         partial.replace(folder)
         sync_folder(folder.parent)
     except OSError as error:
@@ -116,15 +116,15 @@ def _frames(path: Path, names: Sequence[str], count: int, seed: int, progress: P
         # 16 bits of 2^-11 mm reach 16 mm either way
         counts = np.rint(frame.depth.astype(np.float64) / UNIT_MM)
         stack[places[k]] = np.clip(counts, -(2**15), 2**15 - 1).astype("<i2")
-        told = name not in BARE_NAMES
+        hinted = name not in BARE_NAMES
         truth[places[k]] = {
             "frame": int(places[k]),
             "condition": name,
-            "tape": tape_of(sector).name if told else None,
-            "sector": sector if told else None,
-            "registered": told and sector in REGISTERED,
-            "position_mm": [round(float(v), 6) for v in frame.position_mm] if told else None,
-            "theta_deg": round(float(frame.theta_deg), 6) if told else None,
+            "tape": tape_of(sector).name if hinted else None,
+            "sector": sector if hinted else None,
+            "registered": hinted and sector in REGISTERED,
+            "position_mm": [round(float(v), 6) for v in frame.position_mm] if hinted else None,
+            "theta_deg": round(float(frame.theta_deg), 6) if hinted else None,
         }
         progress("frames", k + 1, total)
     stack.flush()

@@ -195,7 +195,7 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
     values, push, poses = z[: camera.COUNT], float(z[camera.COUNT]), z[OF_ALL:].reshape(-1, OF_PRESS)
     free, seen = np.append(problem.free, True), camera.seen_by(problem.sensor, values)
     normal = np.diag(1.0 / np.append(problem.prior_sigmas, PUSH_SIGMA_MM) ** 2)
-    residuals, alone, gains, told = [], [], [], []
+    residuals, alone, gains, known = [], [], [], []
     for press, by, pose in zip(problem.presses, white, poses, strict=True):
         residual, shared, own = expected(press, seen, push, pose)
         residuals.append(residual)
@@ -208,11 +208,11 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
         alone.append(np.linalg.inv(inner))
         # the press's information on the shared unknowns, its pose marginalised: a^T a - a^T b (b^T b)^-1 b^T a
         gains.append(a.T @ b @ alone[-1])
-        told.append(a.T @ a - gains[-1] @ b.T @ a)
-        normal += told[-1]
+        known.append(a.T @ a - gains[-1] @ b.T @ a)
+        normal += known[-1]
     covariance = _inverse(normal, free)
     # the pose's covariance is (b^T b)^-1 + g^T C g with C that of the shared unknowns; here without what this press told
-    anew = [i + g.T @ _inverse(normal - one, free) @ g for i, g, one in zip(alone, gains, told, strict=True)]
+    anew = [i + g.T @ _inverse(normal - one, free) @ g for i, g, one in zip(alone, gains, known, strict=True)]
     return Bundle(
         sensor=camera.with_parameters(problem.sensor, values),
         values=values,

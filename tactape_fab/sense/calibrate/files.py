@@ -72,8 +72,8 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
         for at, partial in partials.items():
             partial.replace(at)
     except OSError as error:
-        said = f"output = {shown_path(at)} cannot be written: {reason_of(error)}"
-        raise TactapeError(f"{said}; what stood there is as it was; use another place") from error
+        message = f"output = {shown_path(at)} cannot be written: {reason_of(error)}"
+        raise TactapeError(f"{message}; what stood there is as it was; use another place") from error
     finally:
         for partial in partials.values():
             with suppress(OSError):

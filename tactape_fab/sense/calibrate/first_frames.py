@@ -99,28 +99,28 @@ def look_at_frames(
     reasons = Counter(fix.reason for fix in answers if fix.reason is not None and fix.n_dots >= SOLID_DOTS)
     wrong += [f"{count} of {len(images)} frames: {reason}" for reason, count in _named(reasons)]
     if found == 0:
-        said = _of_profile(images, tapes, sensor)
-        wrong.append(said if px_per_mm is None else of_file_scale(said))
+        problems = _of_profile(images, tapes, sensor)
+        wrong.append(problems if px_per_mm is None else of_file_scale(problems))
     return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(found, len(images), wrong))
 
 
 def _of_values(images: Sequence[Frame]) -> list[str]:
     """Faults of the values themselves."""
-    said = []
+    reasons = []
     whole = [image for image in images if frame_fault(image) is None]
     few = [len(np.unique(image[np.isfinite(image)])) for image in whole[:5]]
     if few and max(few) <= EIGHT_BITS:
-        said.append(
+        reasons.append(
             f"frames hold at most {max(few)} different values: 8 bits are too coarse for dots; save depth as float or 16 bits"
         )
     same = sum(np.array_equal(a, b) for a, b in pairwise(whole))
     if same:
-        said.append(f"{same} frames are the same as the one before, pixel for pixel; save frames as they come")
+        reasons.append(f"{same} frames are the same as the one before, pixel for pixel; save frames as they come")
     # a real number is the largest in one pixel, a cut-off one in many
     largest = max((float(np.mean(image == np.nanmax(image))) for image in whole), default=0.0)
     if largest > 0.01:
-        said.append(f"up to {100 * largest:.0f} % of a frame's pixels have its largest value: depth is cut off; press less")
-    return said
+        reasons.append(f"up to {100 * largest:.0f} % of a frame's pixels have its largest value: depth is cut off; press less")
+    return reasons
 
 
 def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
@@ -129,8 +129,8 @@ def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
     for reason, count in reasons.most_common():
         # counts and places within a reason differ from frame to frame
         kind = "".join(c for c in reason if not c.isdigit())
-        said, before = kinds.get(kind, (reason, 0))
-        kinds[kind] = (said, before + count)
+        first_reason, before = kinds.get(kind, (reason, 0))
+        kinds[kind] = (first_reason, before + count)
     return sorted(kinds.values(), key=lambda pair: -pair[1])[:3]
 
 

@@ -163,19 +163,19 @@ def _agreeing(
 
     At most a fifth are left out: more are another fault, which what is left over tells.
     """
-    said: list[str] = []
+    remarks: list[str] = []
     most = len(which) // LEAST_POSES
     while True:
         poses = bundle.poses[which]
         both = _first(arm, poses, origin_mm)
-        if len(said) == most or len(which) <= LEAST_POSES:
-            return which, arm, both, said
+        if len(remarks) == most or len(which) <= LEAST_POSES:
+            return which, arm, both, remarks
         left = partial(misfits, arm, poses, origin_mm)
         prior = np.array([*[1.0 / FAR_MM] * 3, 0.0, 0.0, 0.0] * 2)
-        odd = odd_poses(left, both, SIGMAS, LEAST_SIGMAS, prior, most - len(said))
+        odd = odd_poses(left, both, SIGMAS, LEAST_SIGMAS, prior, most - len(remarks))
         if not odd:
-            return which, arm, both, said
-        said += [
+            return which, arm, both, remarks
+        remarks += [
             f"hand-eye: the pose of frame {presses[which[one.index]].frame} is left out: by all others it is "
             f"{one.off_mm:.2g} mm and {np.degrees(one.off_rad):.2g} deg off on the tape; did the arm still move, or is it the "
             "row of another frame?"
@@ -361,14 +361,16 @@ def _mirrored(sensor_to_flange: FloatArray, tape_to_base: FloatArray, covariance
 
 def _remarks(covariance: FloatArray) -> list[str]:
     """Remarks on motions that the arm's poses do not determine."""
-    said = []
+    remarks = []
     # the directions that matter: across and along the sensor's axis
     sigma = np.sqrt(np.diag(covariance))
     if sigma[:2].max() > OBSERVED_MM or sigma[5] > OBSERVED_RAD:
-        said.append("hand-eye: where the sensor is on the flange is open: turn the sensor between presses, by a quarter or more")
+        remarks.append(
+            "hand-eye: where the sensor is on the flange is open: turn the sensor between presses, by a quarter or more"
+        )
     if sigma[2] > OBSERVED_MM:
-        said.append(
+        remarks.append(
             "hand-eye: how far the sensor reaches out from the flange is open, as all presses have the flange at one tilt; "
             "the sum of that and of the tape's height is known"
         )
-    return said
+    return remarks

@@ -92,12 +92,12 @@ def _held(
     prior: FloatArray,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Poses k as predicted by others, to first order about z: p-value, deviations, and their standard deviations."""
-    by, said = rates[others], at[others]
+    by, values = rates[others], at[others]
     for _ in range(_ROUNDS):
         scaled = (by / sigmas[:, None]).reshape(-1, len(z))
         covariance = np.linalg.pinv(scaled.T @ scaled + np.diag(prior**2), hermitian=True)
-        step = -covariance @ (scaled.T @ (said / sigmas).ravel() + prior**2 * z)
-        rest = said + by @ step
+        step = -covariance @ (scaled.T @ (values / sigmas).ravel() + prior**2 * z)
+        rest = values + by @ step
         # leverage of each row, as in `hand_eye`
         taken = ((scaled @ covariance) * scaled).sum(axis=1).reshape(-1, 6)
         freedom = np.maximum((1.0 - taken).sum(axis=0), 1e-3)

@@ -84,8 +84,8 @@ def without_repeats(images: Sequence[Frame]) -> tuple[list[Frame], list[str]]:
     repeats = {k for k, _ in again}
     kept = [np.full_like(image, np.nan) if k in repeats else image for k, image in enumerate(images)]
     (k, j), number = again[0], len(again)
-    said = "1 frame is an earlier one" if number == 1 else f"{number} frames are earlier ones"
-    return kept, [f"{said} again, value by value (frame {k} is frame {j}); what is there twice counts once"]
+    counted = "1 frame is an earlier one" if number == 1 else f"{number} frames are earlier ones"
+    return kept, [f"{counted} again, value by value (frame {k} is frame {j}); what is there twice counts once"]
 
 
 def _numbers(given: npt.ArrayLike, index: int) -> Frame:
@@ -125,14 +125,14 @@ def unseen(images: Sequence[Frame], bad: Sequence[str], tapes: Sequence[Tape], l
     if named:
         return Problem("tape", f"the frames show another tape: it {named[0]}; give its kit")
     most = max(fix.n_dots for fix in answers)
-    said = reasons.most_common(1)[0][0]
+    commonest = reasons.most_common(1)[0][0]
     tried = f"{names} is not seen in any of {len(images)} frames, by either sign, mirrored or not, at half to twice the px/mm of "
     if most < SOLID_DOTS:
         remedy = "press harder, or flatter, until the parts show as dots"
         message = f"{tried}'{like.name}': a frame shows at most {most} dots; {remedy}"
     else:
         remedy = "check that it is the tape that was pressed, with the parts up, and that frames are depth rather than colour"
-        message = f"{tried}'{like.name}', though there are up to {most} dots ({said}); {remedy}"
+        message = f"{tried}'{like.name}', though there are up to {most} dots ({commonest}); {remedy}"
     return Problem("frames", message + (f"; {'; '.join(bad[:3])}" if bad else ""))
 
 
@@ -224,16 +224,16 @@ def remarks_of(
     hand_eye: HandEye | None,
 ) -> list[str]:
     """Remarks on what cannot be observed, each with a remedy."""
-    said = list(bad[:5])
+    remarks = list(bad[:5])
     sensor = bundle.sensor
     if frame_shape != start.frame_shape:
         (h, w), (height, width) = frame_shape, start.frame_shape
-        said.append(
+        remarks.append(
             f"frames are {h} x {w} px (height x width), those of '{start.name}' {height} x {width}: the profile is for frames "
             "that are cut out and scaled as these are"
         )
     if not turn_known:
-        said.append(
+        remarks.append(
             f"quarter turns of the image cannot be told from presses: rotate90 = {sensor.rotate90} is that of '{start.name}'; "
             "for the true one press once in a known direction and give known_theta=FRAME,DEG"
         )
@@ -241,38 +241,38 @@ def remarks_of(
     if share > GOOD_SHARE + 0.005:
         # share^2 - 1 is the camera's variance over the pose's own, and falls as 1 / presses
         wanted = ceil(len(presses) * (share**2 - 1.0) / (GOOD_SHARE**2 - 1.0))
-        said.append(
+        remarks.append(
             f"by the covariance of the presses, positions are expected to err {share:.2f} times as far (rms, no median) as by a "
             f"perfect camera; with {wanted} presses in all, spread as these are, {GOOD_SHARE:g} times is expected"
         )
     if corner_um > GOOD_CORNER_UM:
         empty = empty_corners(presses, sensor)
         where = f"the {_listed(empty)} of the image" if empty else "other places and turns"
-        said.append(f"the camera is known to {corner_um:.0f} um at the edge of the image: presses at {where} make it better")
+        remarks.append(f"the camera is known to {corner_um:.0f} um at the edge of the image: presses at {where} make it better")
     turns = np.array([press.theta_rad for press in presses])
     # doubled, as a half turn stretches the tape along the same line
     if abs(np.exp(2j * turns).mean()) > ALIKE:
-        said.append(
+        remarks.append(
             f"all presses are turned alike, within {np.degrees(_spread(turns)):.0f} deg: a stretch of the tape or of the gel "
             "counts as the sensor's; turn it by a quarter for some of them"
         )
     if held_out is not None and held_out.outside_um > WORSE_OUTSIDE * held_out.inside_um:
-        said.append(
+        remarks.append(
             f"presses that were left out fit worse, {held_out.outside_um:.1f} um against {held_out.inside_um:.1f}: the camera "
             "follows single presses; add some"
         )
     if noise is None or noise.patches == 0:
-        said.append("no part of any frame is off contact: give frames that touch nothing, too, for the noise of the depth")
+        remarks.append("no part of any frame is off contact: give frames that touch nothing, too, for the noise of the depth")
     if sensor.depth_unit_mm is None:
-        said.append(f"'{start.name}' says no unit of the depth: amplitude and noise are in the frame's unit")
+        remarks.append(f"'{start.name}' says no unit of the depth: amplitude and noise are in the frame's unit")
     if noise is not None and not noise.of_mm:
-        said.append(
+        remarks.append(
             f"slopes have a noise of {noise.slope:.3g} rms a pixel, and depths one of {noise.white_um:.3g} um, too much of "
             f"depths in mm: the profile keeps the noise of '{start.name}'; give a like with the frames' depth.unit_mm for its own"
         )
     if hand_eye is not None:
-        said += hand_eye.remarks
-    return said
+        remarks += hand_eye.remarks
+    return remarks
 
 
 def _spread(turns: FloatArray) -> float:

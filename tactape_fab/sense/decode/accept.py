@@ -73,12 +73,12 @@ def accept_place(
     p_tape = bound_of(reading.ln_bound)
     doubt = _doubt(place, world, limits, p_tape)
     # two ways to be wrong: an unregistered texture, or another place of a registered one; so at most the sum (union bound)
-    said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
-    said |= {"status": status_of(len(dots.weights)), "n_dots": len(dots.weights)}
+    fields: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
+    fields |= {"status": status_of(len(dots.weights)), "n_dots": len(dots.weights)}
     other = doubt.unregistered is not None
     if len(on.cells) < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
-        return Localization(located=False, reason=seen, **said), other
+        return Localization(located=False, reason=seen, **fields), other
     seen_px = dots.seen_px if dots.seen_px is None or len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
     sharp = None if sharper is None or seen_px is None else sharper(seen_px, on.offset_px, on.nominal_mm)
     shift_px, heights = sharp or (np.zeros(2), on.weights)
@@ -93,19 +93,19 @@ def accept_place(
     # before the decision: how many dots agree is a part of it
     pose = fit_pose(offset_px, built_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
     if not pose.finite:
-        return Localization(located=False, reason="the dots give no pose", **said), other
-    said["n_agree"] = agree = int(np.count_nonzero(pose.agree))
+        return Localization(located=False, reason="the dots give no pose", **fields), other
+    fields["n_agree"] = agree = int(np.count_nonzero(pose.agree))
     reason = _refusal(p_tape, doubt, limits, agree, on.good) or _off_scale(pose.px_per_mm, view)
     if reason is not None:
-        return Localization(located=False, reason=reason, **said), other
+        return Localization(located=False, reason=reason, **fields), other
     drawn = False
     if pressed is not None and seen_px is not None:
         gel, image, small = pressed
-        said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
+        fields["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
         lie = contact.lie()
         if lie is not None:
             if lie.bend is not None and lie.bend.on_flank:
-                return Localization(located=False, reason=_ON_FLANK, **said), other
+                return Localization(located=False, reason=_ON_FLANK, **fields), other
             places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, built_mm)
             border_mm = gel.from_border_mm(seen_px)
             pose, offset_px, drawn = tilted_pose(pose, lie, *places, on.weights, heights, border_mm, view)
@@ -114,19 +114,21 @@ def accept_place(
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
     if reading.q is not None:
         args = (dots, reading.q, place.turn, on.cells, on.inside, offset_px, built_mm, pose, view)
-        said["dots"] = LazyDots(partial(located_dots, *args))
-    said |= {**strain_of(pose, view), "refined": "dots"}
+        fields["dots"] = LazyDots(partial(located_dots, *args))
+    fields |= {**strain_of(pose, view), "refined": "dots"}
     if isinstance(place, Place):
-        said["places"] = "as-built" if place.as_built else "nominal"
+        fields["places"] = "as-built" if place.as_built else "nominal"
     if pixels is not None:
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
         refined = (pose, _TILTED) if drawn else refine(pixels, view, part, offset_px, built_mm, pose, placed_mm)
-        pose, said["refine_reason"] = refined
-        said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
+        pose, fields["refine_reason"] = refined
+        fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
     if built is not None:
         # a drift moves the texture under all dots alike: it is in the position, not in the turn
         pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
-    return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False
+    return Localization(
+        located=True, **fields, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)
+    ), False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -191,9 +193,9 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
     registered = _Doubt(p_place=share_of_others(place.others, p_tape), lead=place.lead, unregistered=None)
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
         return registered
-    # `most_said` is the largest evidence that these dots can have anywhere: below `clear` there is no tape to be named
+    # `most_evidence` is the largest evidence that these dots can have anywhere: below `clear` there is no tape to be named
     clear, refused = log(_PLACES) - log(limits.max_p_false), p_tape > limits.on_tape
-    if refused and place.most_said < clear:
+    if refused and place.most_evidence < clear:
         return registered
     if refused:
         found = strangers(world.families, place, world.unregistered_share, clear)

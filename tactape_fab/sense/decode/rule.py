@@ -255,5 +255,5 @@ def posteriors(squares: FloatArray, variance: FloatArray, trust: FloatArray) -> 
     part = trust * (1.0 - OUTLIER_SHARE)  # t
     q = np.exp(-0.5 * squares / variance) / (2.0 * places * np.pi * variance)  # N_j / k
     q = (part * q + (1.0 - part) / places) / (part * q.sum(axis=0) + 1.0 - part)
-    said: FloatArray = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / places
-    return said
+    mixed: FloatArray = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / places
+    return mixed

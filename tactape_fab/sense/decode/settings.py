@@ -73,8 +73,8 @@ def tape_problems(tapes: Sequence[Tape], method: object) -> list[Problem]:
     each = "give those of one kind, and the others in a run, or a Localizer, of their own"
     sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
     if len(sizes) > 1:
-        said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
-        problems.append(Problem("tape", f"the tapes differ in pitch or displacement ({said}); {each}"))
+        designs = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
+        problems.append(Problem("tape", f"the tapes differ in pitch or displacement ({designs}); {each}"))
     if len({tape.directions for tape in tapes}) > 1:
         problems.append(Problem("tape", f"the tapes differ in directions (4 and 8); {each}"))
     return problems

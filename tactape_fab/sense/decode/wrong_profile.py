@@ -68,20 +68,20 @@ def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots]
         return f"the frame is mirrored: it shows {_name(behind)} from behind; {remedy}"
     pitch_px = _pitch(seen, raw)
     off = 0.0 if pitch_px is None else _off(seen, pitch_px)
-    said = None
+    message = None
     if pitch_px is not None and off > seen.view.scale_tolerance:
-        said = _off_scale(seen, raw, pitch_px)
-    if said is None and negated is not None:
-        said = _of_negated(seen, negated())
+        message = _off_scale(seen, raw, pitch_px)
+    if message is None and negated is not None:
+        message = _of_negated(seen, negated())
     if (
-        said is None
+        message is None
         and pitch_px is not None
         and off > seen.view.scale_tolerance + CLEARLY_OFF
         and _as_of_a_tape(seen, raw, pitch_px)
     ):
         scale = _scale(seen, pitch_px / seen.view.pitch_mm)
-        said = f"{_found(seen, pitch_px)}; set {scale} in the sensor profile, {_another_tape(seen, pitch_px)}"
-    return said
+        message = f"{_found(seen, pitch_px)}; set {scale} in the sensor profile, {_another_tape(seen, pitch_px)}"
+    return message
 
 
 def _off(seen: Seen, pitch_px: float) -> float:

@@ -118,8 +118,8 @@ def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[Fram
 def other_shape(path: Path, shape: tuple[int, int], sensor: SensorProfile) -> Problem:
     """The problem of frames of a shape that is not the sensor's."""
     (h, w), (height, width) = shape, sensor.frame_shape
-    said = f"{shown_path(path)} holds frames of {h} x {w} px (height x width), those of sensor '{sensor.name}' are"
-    return Problem("frames", f"{said} {height} x {width}; give another sensor")
+    message = f"{shown_path(path)} holds frames of {h} x {w} px (height x width), those of sensor '{sensor.name}' are"
+    return Problem("frames", f"{message} {height} x {width}; give another sensor")
 
 
 def open_frame_file(path: str | Path) -> FrameFile:

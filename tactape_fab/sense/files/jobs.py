@@ -162,8 +162,8 @@ def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile, topic:
 def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> BareCode | None:
     """The code given instead of kits; W and Delta default to those of `make`."""
     if kits and bare:
-        said = ", ".join(f"--{name}" for name in bare)
-        problems.append(Problem("code", f"{said} and --tape are given, but a kit says all of it; give either"))
+        named = ", ".join(f"--{name}" for name in bare)
+        problems.append(Problem("code", f"{named} and --tape are given, but a kit says all of it; give either"))
     elif not kits and "code" not in bare:
         message = "no tape is given; name the kits that can be touched with --tape, or only their --code, --w and --delta"
         problems.append(Problem("tape", message))

@@ -63,13 +63,13 @@ def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
     if topic is None and len(usable) == 1:
         topic = next(iter(usable))
     if topic not in usable:
-        said = (
+        message = (
             f"--topic {shown(topic)} is no feature of it with such images"
             if topic
             else "of which feature its images are has to be said"
         )
         kinds = "images or films" if colour else "images (films lose depth) or arrays"
-        raise SpecError(f"{said}; give --topic NAME, one of {kinds}: {some_of(usable)}")
+        raise SpecError(f"{message}; give --topic NAME, one of {kinds}: {some_of(usable)}")
     if features[topic]["dtype"] == "video":
         return topic, False, partial(_filmed, folder, topic)
     return topic, False, partial(_rows, folder, topic, features[topic], colour)

@@ -67,8 +67,10 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
         topic = next(iter(topics))
     if topic not in topics:
         there = some_of(topics)
-        said = f"--topic {shown(topic)} is no topic of images in it" if topic else "of which topic its images are has to be said"
-        raise SpecError(f"{said}; give --topic NAME, one of: {there}")
+        message = (
+            f"--topic {shown(topic)} is no topic of images in it" if topic else "of which topic its images are has to be said"
+        )
+        raise SpecError(f"{message}; give --topic NAME, one of: {there}")
     ours = ours or topics[topic]
     return topic, ours, partial(_images, files, topic, colour, ours)
 

@@ -131,9 +131,9 @@ def _refused(path: Path, read: Callable[[], Iterator[Stamped]]) -> Iterator[Stam
 def _damaged(path: Path, error: Exception) -> SpecError:
     if isinstance(error, SpecError):
         return SpecError([Problem("frames", f"{shown_path(path)}: {p.message}") for p in error.problems])
-    said = str(error).split("\n", maxsplit=1)[0][:200] or type(error).__name__
+    reason = str(error).split("\n", maxsplit=1)[0][:200] or type(error).__name__
     if isinstance(error, FrameError | ValueError | OSError):
-        return SpecError(Problem("frames", f"{shown_path(path)} cannot be read: {said}; record it again, or give another"))
+        return SpecError(Problem("frames", f"{shown_path(path)} cannot be read: {reason}; record it again, or give another"))
     packed = path.suffix.lower() == MCAP or (path / BAG).is_file()
     remedy = "mcap recover FILE.mcap -o WHOLE.mcap saves what is whole" if packed else "record it again"
-    return SpecError(Problem("frames", f"{shown_path(path)} is damaged ({type(error).__name__}: {said}); {remedy}"))
+    return SpecError(Problem("frames", f"{shown_path(path)} is damaged ({type(error).__name__}: {reason}); {remedy}"))

@@ -266,8 +266,8 @@ def _nothing_found(
             f"its tag is that of {names}, but only {agreeing:.0%} of its parts stand where that tape has them: another tape, or "
             "another version of it; give its kit"
         )
-    said = "no tag of the family tag36h11 is in it" if not tags else "its tag cannot be followed to the parts"
+    fault = "no tag of the family tag36h11 is in it" if not tags else "its tag cannot be followed to the parts"
     return SpecError(
-        f"{said}, and its {len(blobs.px)} spots are no parts of {names}; scan the whole tape sharp, its parts toward the glass, "
+        f"{fault}, and its {len(blobs.px)} spots are no parts of {names}; scan the whole tape sharp, its parts toward the glass, "
         "and give dpi=N, as it was scanned"
     )

@@ -89,14 +89,14 @@ def camera_named(name: str, devices: Path = _DEVICES) -> Path:
     with suppress(OSError):
         for device in sorted(devices.iterdir())[:_MOST_DEVICES]:
             with suppress(OSError, ValueError):
-                said = read_regular(device / "name", _MOST_NAME_BYTES).decode(errors="replace").strip()
+                label = read_regular(device / "name", _MOST_NAME_BYTES).decode(errors="replace").strip()
                 index = device / "index"
                 if not index.exists() or int(read_regular(index, _MOST_NAME_BYTES)) == 0:
-                    found[device.name] = said
-    fitting = [device for device, said in found.items() if name.strip() and name.strip().lower() in said.lower()]
+                    found[device.name] = label
+    fitting = [device for device, label in found.items() if name.strip() and name.strip().lower() in label.lower()]
     if len(fitting) == 1:
         return Path("/dev") / fitting[0]
-    there = ", ".join(f"{shown(said)} (/dev/{device})" for device, said in found.items()) or "none at all"
+    there = ", ".join(f"{shown(label)} (/dev/{device})" for device, label in found.items()) or "none at all"
     how_many = "no camera has" if not fitting else f"{len(fitting)} cameras have"
     message = f"source {USB}{name}: {how_many} that in its name; there is: {there}; plug it in, or give more of the name"
     raise SpecError(Problem("source", message))
@@ -163,7 +163,7 @@ def _frame(
         part = image[v : v + height, u : u + width]
         if part.shape[:2] != (height, width):  # the whole image might have the frames' size
             there = f"frame {number} has {image.shape[1]} x {image.shape[0]} px"
-            said = f"{there}, and crop = {','.join(map(str, crop))} reaches beyond; give crop=U,V,WIDTH,HEIGHT within it"
-            return Trouble(kind="image too small", message=said)
+            message = f"{there}, and crop = {','.join(map(str, crop))} reaches beyond; give crop=U,V,WIDTH,HEIGHT within it"
+            return Trouble(kind="image too small", message=message)
         image = np.asarray(cv2.resize(part, (size[1], size[0]), interpolation=cv2.INTER_AREA))
     return Frame(number=number, image=image, timestamp=stamp, keep=keep)

@@ -50,7 +50,7 @@ class Tally:
         self.latencies = Latencies()
         self.troubles: dict[str, int] = {}
         self.last: Localization | None = None
-        self._unsaid: deque[str] = deque(maxlen=_MOST_MESSAGES)
+        self._unreported: deque[str] = deque(maxlen=_MOST_MESSAGES)
         self._first_s = self._last_s = 0.0
         self._recent: deque[float] = deque(maxlen=50)
 
@@ -67,17 +67,17 @@ class Tally:
         self.latencies.add(1000.0 * (now_s - arrived_s))
 
     def trouble(self, trouble: Trouble) -> None:
-        """Count a trouble; the first of its kind is kept for `unsaid`."""
+        """Count a trouble; the first of its kind is kept for `unreported`."""
         count = self.troubles.get(trouble.kind, 0)
         self.troubles[trouble.kind] = count + 1
         if count == 0:
-            self._unsaid.append(f"{trouble.kind}: {trouble.message}")
+            self._unreported.append(f"{trouble.kind}: {trouble.message}")
 
-    def unsaid(self) -> list[str]:
+    def unreported(self) -> list[str]:
         """Messages that are new since the last call."""
         messages = []
-        while self._unsaid:
-            messages.append(self._unsaid.popleft())
+        while self._unreported:
+            messages.append(self._unreported.popleft())
         return messages
 
     @property

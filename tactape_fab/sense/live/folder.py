@@ -43,7 +43,7 @@ class _Waiting:
     seen: tuple[int, int] = (-1, -1)
     since_s: float = 0.0
     reason: str = ""
-    said: bool = False
+    reported: bool = False
     taken: int = 0
     inode: int = 0
     keep: bool = False
@@ -94,7 +94,7 @@ def folder_source(
                 del waiting[name]
                 taken.add(name)
         if idle_s is not None and perf_counter() - last_s > idle_s:
-            yield from (_unfinished(folder / name, file) for name, file in waiting.items() if not file.said)
+            yield from (_unfinished(folder / name, file) for name, file in waiting.items() if not file.reported)
             return
         stop.wait(max(_POLL_S, _SHARE * looked_s))
 
@@ -130,8 +130,8 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
     settled = path.suffix.lower() not in (".tif", ".tiff") or time() - status.st_mtime > _SETTLED_S
     # neither size nor time has changed: another try would end as the last one did
     if seen == file.seen:
-        if not file.said and now_s - file.since_s > PATIENCE_S:
-            file.said = True
+        if not file.reported and now_s - file.since_s > PATIENCE_S:
+            file.reported = True
             yield _unfinished(path, file)
         return
     if not settled:

@@ -137,7 +137,7 @@ class LiveSensor:
                 return self._latest
             if isinstance(self._ended, TactapeError):
                 raise self._ended
-            self._troubles += self._tally.unsaid()  # the first of each kind
+            self._troubles += self._tally.unreported()  # the first of each kind
             why = "".join(f"; {message}" for message in self._troubles)
             if self._ended is not None:
                 raise TactapeError(f"the source has ended, and gave {wanted}{why}") from self._ended

@@ -127,8 +127,8 @@ def _opened(
         return None
     found = tried(partial(_source, one.source, wishes, rate_hz, idle_s, crop, own.sensor), problems)
     if messages and not (found is None or found[1]):
-        said = f"{shown_path(one.source)} holds no timestamps, and messages need some; give rate=HZ, at which it was taken"
-        problems.append(Problem("mcap", said))
+        message = f"{shown_path(one.source)} holds no timestamps, and messages need some; give rate=HZ, at which it was taken"
+        problems.append(Problem("mcap", message))
     colours = None
     if wishes.raw:
         colours = open_reconstruction(wishes.background, wishes.weights, own.sensor, problems)

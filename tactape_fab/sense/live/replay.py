@@ -39,7 +39,7 @@ def replay(stop: Event, file: FrameFile, rate_hz: float | None = None, *, keep: 
     start, first = perf_counter(), None
     by_file = rate_hz is None and file.timestamp is not None
     hz = rate_hz or USUAL_HZ
-    k, said = -1, False
+    k, warned = -1, False
     try:
         for k, image in enumerate(file.frames()):
             stamp = file.time_of(k)
@@ -49,8 +49,8 @@ def replay(stop: Event, file: FrameFile, rate_hz: float | None = None, *, keep: 
                 due_s = 0.0 if stamp is None or first is None else stamp - first
             # counted from the start, so that delays do not add up
             wait_s = max(0.0, start + due_s - perf_counter())
-            if wait_s > LONG_GAP_S and not said:
-                said = True
+            if wait_s > LONG_GAP_S and not warned:
+                warned = True
                 by = f"the file's timestamps; {_SECONDS}" if by_file else f"a rate of {hz:g} Hz"
                 yield Trouble(kind="long pause", message=f"frame {k} comes in {wait_s:.3g} s by {by}")
             if stop.wait(wait_s):
@@ -75,11 +75,11 @@ def refuse_no_seconds(file: FrameFile) -> None:
     # a replay does not wait for a stamp before one that it has reached
     stamps = np.maximum.accumulate(file.timestamp[at].astype(np.float64))
     gaps = np.diff(stamps)
-    said = None
+    message = None
     if (gaps > LONGEST_GAP_S).any():
         k = int(np.argmax(gaps > LONGEST_GAP_S))
-        said = f"frame {at[k + 1]} comes {gaps[k]:g} s after frame {at[k]}, and a replay waits {LONGEST_GAP_S:g} s at most"
+        message = f"frame {at[k + 1]} comes {gaps[k]:g} s after frame {at[k]}, and a replay waits {LONGEST_GAP_S:g} s at most"
     elif len(stamps) and stamps[-1] >= LAST_S:
-        said = f"a timestamp is {stamps[-1]:g} s, not below {LAST_S:g} s, the year 5138"
-    if said is not None:
-        raise SpecError(Problem("rate", f"{shown_path(file.path)}: {said}; {_SECONDS}"))
+        message = f"a timestamp is {stamps[-1]:g} s, not below {LAST_S:g} s, the year 5138"
+    if message is not None:
+        raise SpecError(Problem("rate", f"{shown_path(file.path)}: {message}; {_SECONDS}"))

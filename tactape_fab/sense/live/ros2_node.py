@@ -182,7 +182,7 @@ class _Served:
             for located in watch(self._watched, self._tally, self._stop):
                 if located is not None:
                     self._publish(located)
-                for message in self._tally.unsaid():  # the first of each kind: rclpy would throttle the other kinds with it
+                for message in self._tally.unreported():  # the first of each kind: rclpy would throttle the other kinds with it
                     self._node.get_logger().warning(message)
         except Exception as error:
             if self._ros.rclpy.ok():  # else ROS was told to end meanwhile, and takes no messages any more
@@ -214,10 +214,10 @@ class _Served:
     def _diagnose(self) -> None:
         now_ns, tally = self._node.get_clock().now().nanoseconds, self._tally
         fresh, self._answered = tally.answered - self._answered, tally.answered
-        level, said = (_OK, f"{fresh} answers in the last second") if fresh else (_STALE, "no depth image in the last second")
+        level, message = (_OK, f"{fresh} answers in the last second") if fresh else (_STALE, "no depth image in the last second")
         unusable = tally.unusable + tally.troubles.get(_UNUSABLE, 0)  # other troubles are those, or holes in images that are used
         if unusable:
-            level, said = _WARN, f"{said}; some images cannot be used"
+            level, message = _WARN, f"{message}; some images cannot be used"
         values = {
             "answered": tally.answered,
             "located": tally.located,
@@ -230,7 +230,7 @@ class _Served:
         status = {
             "level": level,
             "name": f"{self._node.get_name()}: {self._watched.job.sensor.name}",
-            "message": said,
+            "message": message,
             "hardware_id": self._sensor_frame,
             "values": [{"key": key, "value": str(value)} for key, value in values.items()],
         }

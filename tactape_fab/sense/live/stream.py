@@ -41,11 +41,11 @@ def stream_source(
     keep: Let the writer wait instead of dropping frames.
     """
     source = _Bytes(stream)
-    number, said = 0, None
+    number, last = 0, None
     while not stop.is_set():
         skipped = source.skip_to(MAGIC)
         if skipped:
-            said = None  # the frame that it was of may be among them
+            last = None  # the frame that it was of may be among them
             yield Trouble(
                 kind="stream damaged", message=f"skipped {skipped} bytes that are not a .npy array, before frame {number}"
             )
@@ -57,17 +57,17 @@ def stream_source(
                 yield Trouble(kind="stream damaged", message=f"frame {number}: {error}; looking for the next array")
             if isinstance(error, EOFError):
                 return
-            number, said = number + 1, None
+            number, last = number + 1, None
             continue
         if array.ndim == 0:
             # as of a file: a float does not hold whole numbers beyond 2^53, such as ns since 1970
-            said = int(array) if array.dtype.kind in "iu" and abs(int(array)) > 2**53 else float(array)
+            last = int(array) if array.dtype.kind in "iu" and abs(int(array)) > 2**53 else float(array)
             continue
         stack = array.ndim == 3
         for image in array if stack else [array]:
-            yield Frame(number=number, image=image, timestamp=came if said is None else said, keep=keep or stack)
+            yield Frame(number=number, image=image, timestamp=came if last is None else last, keep=keep or stack)
             number += 1
-        said = None
+        last = None
 
 
 class _Bytes:

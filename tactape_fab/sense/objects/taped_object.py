@@ -197,8 +197,8 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
         )
     given = [key for key in _POSES if key in row]
     if len(given) != 1:
-        said = " and ".join(given) or "none"
-        table.problem("rpy_deg", f"{' or '.join(_POSES)} says how the film lies, but given is {said}; give one of them")
+        named = " and ".join(given) or "none"
+        table.problem("rpy_deg", f"{' or '.join(_POSES)} says how the film lies, but given is {named}; give one of them")
     turn, position = _read_pose(table, given)
     corners = _read_corners(table) if given == ["tag_corners_mm"] else None
     kit = folder / table.text("kit", longest=4096)

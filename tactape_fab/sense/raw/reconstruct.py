@@ -88,8 +88,8 @@ def load_network(path: str | Path) -> Network:
     sizes = [INPUTS]
     for i, (weight, bias) in enumerate(layers):
         if weight.ndim != 2 or weight.shape[1] != sizes[-1] or bias.shape != weight.shape[:1]:
-            said = f"has weights of shape {weight.shape} and biases of shape {bias.shape} for {sizes[-1]} inputs"
-            raise refuse(f"do not fit each other: fc{i + 1} {said}")
+            message = f"has weights of shape {weight.shape} and biases of shape {bias.shape} for {sizes[-1]} inputs"
+            raise refuse(f"do not fit each other: fc{i + 1} {message}")
         sizes.append(len(bias))
     if sizes[-1] != OUTPUTS or not 1 <= min(sizes) <= max(sizes) <= MOST_WIDTH:
         raise refuse(f"are of a network with {' - '.join(map(str, sizes))} neurons, at most {MOST_WIDTH} are allowed in a layer")

@@ -118,8 +118,8 @@ class Scene:
             setting = table.numbers(name, 2, low=-most, high=most, unit=_PAIR_UNITS.get(name, "mm"), remedy=remedy)
             object.__setattr__(self, name, setting)
         if min(self.contact_mm) < _LEAST_CONTACT_MM:
-            said = f"contact_mm = {list(self.contact_mm)} is below {_LEAST_CONTACT_MM} mm; give a larger contact"
-            table.problem("contact_mm", said)
+            message = f"contact_mm = {list(self.contact_mm)} is below {_LEAST_CONTACT_MM} mm; give a larger contact"
+            table.problem("contact_mm", message)
         open_ones = {f.name for f in fields(self) if f.default is None}  # None leaves those to the sensor or to another figure
         for name, (least, most, unit) in _NUMBERS.items():
             if name not in open_ones or getattr(self, name) is not None:

@@ -127,10 +127,10 @@ def adjust(
     )
     poses = np.array([c.start for c in contacts])
     before = prior.shift_mm[touched]
-    told = prior.sigma_mm[touched]
-    free = np.isnan(told)
+    known_mm = prior.sigma_mm[touched]
+    free = np.isnan(known_mm)
     scatter = USUAL_SCATTER_MM if free.any() else None
-    sigma_before = np.where(free, USUAL_SCATTER_MM, told)
+    sigma_before = np.where(free, USUAL_SCATTER_MM, known_mm)
     shift, sigma = before.copy(), USUAL_SIGMA_MM
     mean, sigmas = _common_prior(sensor)
     common = mean.copy()
@@ -172,7 +172,7 @@ def adjust(
             # 1977)
             squares = ((shift - before - bend.shift_mm)[free] ** 2).mean() + (1.0 / own[free]).mean()
             scatter = float(np.clip(np.sqrt(squares), LEAST_SCATTER_MM, MOST_SCATTER_MM))
-            sigma_before = np.where(free, scatter, told)
+            sigma_before = np.where(free, scatter, known_mm)
         # not before weights are robust: the first rounds settle on another optimum
         if turn > TRUSTING and np.abs(moved).max() < SETTLED_MM and abs(ratio - 1.0) < 0.01:
             break
@@ -180,7 +180,7 @@ def adjust(
     arm.refuse_others(poses)
     bend.refuse_other_units()
     refuse_copies([c.frame for c in contacts], rows.contact, rows.part, left, nominal_mm[touched])
-    refuse_other_start(rows.part, left, shift, before, np.where(free, np.inf, told))
+    refuse_other_start(rows.part, left, shift, before, np.where(free, np.inf, known_mm))
     known, drift, common_sigma = normal.sigmas(nominal_mm[touched])
     return Adjusted(
         part=touched,
@@ -258,18 +258,18 @@ class _Arm:
     def __init__(self, robot: Sequence[RobotPose], contacts: Sequence[Contact], poses: FloatArray) -> None:
         known = {pose.frame: pose for pose in robot}
         self.contact = np.array([k for k, c in enumerate(contacts) if c.frame in known], dtype=np.int64)
-        told = [known[contacts[k].frame] for k in self.contact]
-        self.said = np.array([(p.x_mm, p.y_mm, np.radians(p.theta_deg)) for p in told]).reshape(-1, 3)
-        self.sigma = np.array([(p.sigma_mm, p.sigma_mm, np.radians(p.sigma_deg)) for p in told]).reshape(-1, 3)
+        priors = [known[contacts[k].frame] for k in self.contact]
+        self.given = np.array([(p.x_mm, p.y_mm, np.radians(p.theta_deg)) for p in priors]).reshape(-1, 3)
+        self.sigma = np.array([(p.sigma_mm, p.sigma_mm, np.radians(p.sigma_deg)) for p in priors]).reshape(-1, 3)
         self.at = np.zeros(3)
-        if told:
+        if priors:
             _, phi = self._of(poses)
             # mean of directions, which has no step at 180 degrees
-            turn = float(np.angle(np.exp(1j * (self.said[:, 2] - phi)).mean()))
+            turn = float(np.angle(np.exp(1j * (self.given[:, 2] - phi)).mean()))
             # texture y is down, the board's is up; the unknown shift of the frame takes the origin
             board = poses[self.contact, :2] * (1.0, -1.0)
             c, s = np.cos(turn), np.sin(turn)
-            self.at = np.array([*(self.said[:, :2] - board @ np.array([[c, s], [-s, c]])).mean(axis=0), turn])
+            self.at = np.array([*(self.given[:, :2] - board @ np.array([[c, s], [-s, c]])).mean(axis=0), turn])
 
     def _of(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         return poses[self.contact, :2] * (1.0, -1.0), poses[self.contact, 2]
@@ -289,8 +289,8 @@ class _Arm:
         c, s = np.cos(self.at[2]), np.sin(self.at[2])
         turn = np.array([[c, -s], [s, c]])
         along = board @ turn.T
-        off = np.angle(np.exp(1j * (theta + self.at[2] - self.said[:, 2])))
-        return np.column_stack([self.at[:2] + along - self.said[:, :2], off]), turn, along
+        off = np.angle(np.exp(1j * (theta + self.at[2] - self.given[:, 2])))
+        return np.column_stack([self.at[:2] + along - self.given[:, :2], off]), turn, along
 
     def refuse_others(self, poses: FloatArray) -> None:
         """Refuse poses that are not those of the contacts: their median residual is too large. Raises SpecError."""

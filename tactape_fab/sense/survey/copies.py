@@ -78,10 +78,10 @@ def refuse_other_start(
     # where the contacts alone have them
     seen_mm = shift_mm + mean_mm / np.maximum(count, 1)[:, None]
     # if a part was measured at the design's position, both fit equally well
-    told = (count >= 2) & (np.hypot(*before_mm.T) > 2.0 * sigma_mm)
-    if told.sum() < LEAST_PARTS:
+    telling = (count >= 2) & (np.hypot(*before_mm.T) > 2.0 * sigma_mm)
+    if telling.sum() < LEAST_PARTS:
         return
-    off_mm, design_mm = (float(np.median(np.hypot(*(seen_mm - at)[told].T))) for at in (before_mm, np.zeros(2)))
+    off_mm, design_mm = (float(np.median(np.hypot(*(seen_mm - at)[telling].T))) for at in (before_mm, np.zeros(2)))
     if off_mm > max(design_mm, LEAST_APART_MM):
         message = (
             f"the measured places to start from do not fit the contacts: parts are {off_mm:.2g} mm off those and "

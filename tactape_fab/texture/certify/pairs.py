@@ -190,19 +190,19 @@ def _plane_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Confli
             other = tapes[k]
             if get_code(tape.code).plane is None:
                 if tape.texture_key == other.texture_key:
-                    said = f"{names[k]} and {names[i]}: both have the symbols of one design, and cannot be told apart"
-                    found.append(Conflict(kind="same-tape", tapes=(k, i), message=said))
+                    message = f"{names[k]} and {names[i]}: both have the symbols of one design, and cannot be told apart"
+                    found.append(Conflict(kind="same-tape", tapes=(k, i), message=message))
                 continue
             low = [max(tape.origin[axis], other.origin[axis]) for axis in (0, 1)]
             high = [min(t.origin[axis] + (t.columns, t.rows)[axis] for t in (tape, other)) for axis in (0, 1)]
             wide, tall = high[0] - low[0], high[1] - low[1]
             where = f"{names[k]} and {names[i]}: both show sector {tape.sector} of {tape.code}"
             if (tape.origin, tape.columns, tape.rows) == (other.origin, other.columns, other.rows):
-                said = f"{where} at origin {tape.origin[0]},{tape.origin[1]}: they are the same tape, and cannot be told apart"
-                found.append(Conflict(kind="same-tape", tapes=(k, i), message=said))
+                message = f"{where} at origin {tape.origin[0]},{tape.origin[1]}: they are the same tape, and cannot be told apart"
+                found.append(Conflict(kind="same-tape", tapes=(k, i), message=message))
             elif wide > 0 and tall > 0:
-                said = f"{where}, and {wide} x {tall} grid points of it at {low[0]},{low[1]} are on both"
-                found.append(Conflict(kind="overlap", tapes=(k, i), message=said))
+                message = f"{where}, and {wide} x {tall} grid points of it at {low[0]},{low[1]} are on both"
+                found.append(Conflict(kind="overlap", tapes=(k, i), message=message))
         groups[tape.code, tape.sector].append(i)
     return sorted(found, key=lambda c: (c.kind != "same-tape", c.tapes))
 
@@ -211,8 +211,8 @@ def _window_conflicts(names: Sequence[str], windows: Across) -> list[Conflict]:
     found = []
     for a, b in np.argwhere(np.triu(windows.shared) > 0).tolist():
         count, size = int(windows.shared[a, b]), f"{windows.side}x{windows.side}"
-        said = f"{names[a]} and {names[b]}: {count} pair{'s' * (count != 1)} of {size} windows read the same"
-        found.append(Conflict(kind="windows", tapes=(a, b), message=said))
+        message = f"{names[a]} and {names[b]}: {count} pair{'s' * (count != 1)} of {size} windows read the same"
+        found.append(Conflict(kind="windows", tapes=(a, b), message=message))
     return found
 
 
@@ -224,6 +224,6 @@ def _tag_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Conflict
             continue
         k = first.setdefault(tape.tag.id, i)
         if k != i:
-            said = f"{names[k]} and {names[i]}: both tags have id {tape.tag.id}"
-            found.append(Conflict(kind="tag", tapes=(k, i), message=said))
+            message = f"{names[k]} and {names[i]}: both tags have id {tape.tag.id}"
+            found.append(Conflict(kind="tag", tapes=(k, i), message=message))
     return found

@@ -65,12 +65,12 @@ class DesignedCode:
     def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
         """Refuse symbols that do not match their digest, the only proof of a designed matrix."""
         remedy = f"a tape of code '{self.name}' has the digest of its symbols"
-        said = table.text("symbols_sha256", pattern=r"[0-9a-f]{64}", remedy=remedy)
+        digest = table.text("symbols_sha256", pattern=r"[0-9a-f]{64}", remedy=remedy)
         found = symbols_sha256(symbols)
-        if said and said != found:
+        if digest and digest != found:
             table.problem(
                 "symbols_sha256",
-                f"symbols_sha256 = {said} is not that of symbols, {found}: one of them was changed; take the manifest that was "
+                f"symbols_sha256 = {digest} is not that of symbols, {found}: one of them was changed; take the manifest that was "
                 "made with the tape",
             )
         if origin != self.default_origin(sector):

@@ -20,7 +20,7 @@ from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERAN
 
 DESIGNATORS_PER_ROW = 200
 """Most designators that JLCPCB accepts in one row of a BOM."""
-_MOST_SAID = 8
+_MOST_NAMED = 8
 _CELL = r"[A-Za-z0-9][A-Za-z0-9 ._()+/,:#-]{0,199}"
 _CELL_REMEDY = "a cell begins with a letter or digit and holds no formula"
 
@@ -70,7 +70,7 @@ def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: Lan
     if any(side != "Top" for side in cpl.sides):
         problems.append(f"{sum(side != 'Top' for side in cpl.sides)} rows are not on layer Top")
     problems += _text_problems(cpl, recorded, pads)
-    message = "; ".join(problems[:_MOST_SAID]) or f"{len(expected)} rows, R1 to R{len(expected)} in order"
+    message = "; ".join(problems[:_MOST_NAMED]) or f"{len(expected)} rows, R1 to R{len(expected)} in order"
     rows = Check(name="cpl rows", passed=not problems, message=message, figure=float(len(cpl.designators)))
     return [rows, _check_places(cpl, tape), _check_rotation(cpl, tape)]
 
@@ -160,7 +160,7 @@ def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) 
     for number, (row, group) in enumerate(zip(rows, groups, strict=True), start=1):
         problems += _row_problems(number, row, {**same, "item": str(number), "quantity": str(len(group))})
     listed = f"{len(groups)} row{'s' * (len(groups) != 1)}"
-    message = "; ".join(problems[:_MOST_SAID]) or f"{len(found)} designators in {listed}, each once"
+    message = "; ".join(problems[:_MOST_NAMED]) or f"{len(found)} designators in {listed}, each once"
     return Check(name="bom", passed=not problems, message=message, figure=float(len(found)))
 
 

@@ -40,16 +40,16 @@ def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
             fixed = re.split(r"[\\(\[]", pattern)[0].strip()
             return [f"it says {quoted(words[at : at + 80].strip())} where {quoted(fixed)} should stand and go on"]
         at = found.end()
-    said = np.array(_HOLE.findall(words), dtype=np.float64).reshape(-1, 3)[:, [1, 2, 0]]
+    drawn = np.array(_HOLE.findall(words), dtype=np.float64).reshape(-1, 3)[:, [1, 2, 0]]
     holes = np.array(expected.holes, dtype=np.float64).reshape(-1, 3)
-    wrong = len(said) != min(len(holes), _MOST_HOLES) or any(np.abs(holes - row).max(axis=1).min() > _HOLE_MM for row in said)
+    wrong = len(drawn) != min(len(holes), _MOST_HOLES) or any(np.abs(holes - row).max(axis=1).min() > _HOLE_MM for row in drawn)
     reach_x_mm, (x_mm, _) = reach_mm(made.tape.part)[0], expected.parts_xy_mm.T
     for left, length in _FIELD.findall(words):
         if float(left) > x_mm.min() - reach_x_mm or float(left) + float(length) < x_mm.max() + reach_x_mm:
             return [f"its field of {length} mm from {left} mm does not hold all parts"]
-    said_mm, most_mm = re.search(rf" least spacing ({_F}) ", words), between_lands_mm(made.record.lands)
-    if said_mm is not None and float(said_mm[1]) - most_mm > abs(most_mm) * _THREE_DIGITS:
-        return [f"its least spacing of {said_mm[1]} mm is more than between the lands of a part"]
+    drawn_mm, most_mm = re.search(rf" least spacing ({_F}) ", words), between_lands_mm(made.record.lands)
+    if drawn_mm is not None and float(drawn_mm[1]) - most_mm > abs(most_mm) * _THREE_DIGITS:
+        return [f"its least spacing of {drawn_mm[1]} mm is more than between the lands of a part"]
     return [*(["it says more than it should"] if words[at:] != " " else []), *(["its holes are not the kit's"] if wrong else [])]
 
 

@@ -106,10 +106,10 @@ def _read_dxf(data: bytes) -> Drawn:
     # written again from the parsed tags, so that any text which the pattern skipped is a difference
     if "".join(f"{code:3d}\n{value}\n" for code, value in tags) != text or tags[-2:] != [(0, "ENDSEC"), (0, "EOF")]:
         raise ValueError("it is not written as this tool writes it, or it was cut off")
-    said = [f"{code} {value}" for code, value in tags]
-    start = said.index("2 ENTITIES")
+    lines = [f"{code} {value}" for code, value in tags]
+    start = lines.index("2 ENTITIES")
     # only the table of layers is allowed, as blocks and styles could draw as well, or refer to a file
-    if said[: len(_HEADER)] != _HEADER or not _LAYERS.fullmatch("\n".join(said[len(_HEADER) : start])):
+    if lines[: len(_HEADER)] != _HEADER or not _LAYERS.fullmatch("\n".join(lines[len(_HEADER) : start])):
         raise ValueError("it has another unit or release, a layer that is off or frozen, or holds more before what it draws")
     drawn: Drawn = {}
     at, end = start + 1, len(tags) - 2

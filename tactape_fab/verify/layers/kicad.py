@@ -166,12 +166,12 @@ def _places(found: _Board, shown: Shown) -> list[str]:
     error_mm = np.hypot(*(rows[:, :2] - shown.parts_xy_mm).T)
     turn_deg = np.abs((rows[:, 2] - shown.rotation_deg + 180.0) % 360.0 - 180.0)
     far, turned = np.flatnonzero(error_mm > PLACE_TOLERANCE_MM), np.flatnonzero(turn_deg > ROTATION_TOLERANCE_DEG)
-    said = []
+    problems = []
     if len(far):
-        said.append(f"off the grid: {named([f'{expected[i]} by {1000 * error_mm[i]:.1f} um' for i in far])}")
+        problems.append(f"off the grid: {named([f'{expected[i]} by {1000 * error_mm[i]:.1f} um' for i in far])}")
     if len(turned):
-        said.append(f"turned: {named([f'{expected[i]} at {rows[i, 2]:g} deg' for i in turned])}")
-    return said
+        problems.append(f"turned: {named([f'{expected[i]} at {rows[i, 2]:g} deg' for i in turned])}")
+    return problems
 
 
 def _lands(found: _Board, shown: Shown, lands: Recorded) -> list[str]:

@@ -27,7 +27,7 @@ from tactape_fab.verify.layers.lands import between_lands_mm, opening_size_mm
 from tactape_fab.verify.layers.legend import inked_or_cut
 
 UPLOADED = ("fab-zip", "cpl", "bom")
-_MOST_SAID = 8
+_MOST_NAMED = 8
 _PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos|gbr|png|svg)(?!\.?\w)")
 _MOST_NOTES_BYTES = 100_000
 _NUMBER = r"(-?\d+\.\d)"
@@ -102,7 +102,7 @@ def check_order_notes(
             where = f"x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm"
             problems.append(f"they let the fab print at {where}, on parts, ink or holes, or off the board")
     right = "tape, size, parts, files and rows of the forms as the kit has them; not compared: what else they say"
-    return Check(name="order-notes", passed=not problems, message="; ".join(problems[:_MOST_SAID]) or right)
+    return Check(name="order-notes", passed=not problems, message="; ".join(problems[:_MOST_NAMED]) or right)
 
 
 def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder, *, legend: bool) -> Iterator[str]:
@@ -124,13 +124,13 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
         for label, value in _ROW.findall(form)
         if re.search(r"\d ?mm\b", value) and label not in known and label not in _SPACING
     )
-    told, laminated = {label for label, _ in rows}, [f"{backing}-bottom" in film.film.backings for backing in _BACKINGS]
+    rows_there, laminated = {label for label, _ in rows}, [f"{backing}-bottom" in film.film.backings for backing in _BACKINGS]
     # forms of rigid boards have no row for a stiffener, which is only in the remark
     asked = [True] * _ALWAYS + [order.flexible and there for there in laminated]
     yield from (
         f"they do not say the {labels[0]}"
         for labels, must in zip(expected, asked, strict=False)
-        if must and told.isdisjoint(labels)
+        if must and rows_there.isdisjoint(labels)
     )
 
 
@@ -180,16 +180,16 @@ def _backing_problems(text: str, files: Mapping[str, WrittenFile], backings: Map
         wanted = [(backings[role], files[role].path)] if role in backings and role in files else []
         found = re.findall(rf"^   {word} ([^\n]{{1,40}}) mm on the underside[^\n]*, where (\S+) has it", text, re.MULTILINE)
         if found != wanted:
-            said, right = ([f"{word} {what} mm by {path}" for what, path in rows] or ["nothing"] for rows in (found, wanted))
-            yield f"they say {named(said)} of the underside, where {right[0]} should stand"
+            written, right = ([f"{word} {what} mm by {path}" for what, path in rows] or ["nothing"] for rows in (found, wanted))
+            yield f"they say {named(written)} of the underside, where {right[0]} should stand"
 
 
 def _other_figures(text: str, pattern: str, right: tuple[str | None, ...]) -> Iterator[str]:
     """Problems of figures and words in every sentence that matches `pattern`."""
     for found in re.finditer(pattern, text):
         if found.groups() != right:
-            said, wanted = (", ".join(filter(None, words)) for words in (found.groups(), right))
-            yield f"they say {said} where {wanted} should stand"
+            written, wanted = (", ".join(filter(None, words)) for words in (found.groups(), right))
+            yield f"they say {written} where {wanted} should stand"
 
 
 def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> Iterator[str]:

@@ -49,11 +49,11 @@ def check_cut(content: GerberContent, panel: Panel) -> Check:
     uncut = [shapely.get_parts(shapely.line_merge(shapely.difference(tape.exterior, near))) for tape in tapes]
     wrong = [(len(pieces), count) for pieces, count in zip(uncut, tabs, strict=True) if len(pieces) != count]
     problems += [f"a tape is held by {held} tabs, not {count}" for held, count in wrong]
-    said = " or ".join(str(count) for count in sorted(set(tabs)))
+    counts = " or ".join(str(count) for count in sorted(set(tabs)))
     if max(errors) > PLACE_TOLERANCE_MM:
         problems.append(f"a contour is {max(errors):.3f} mm off the manifest's panel")
     size = panel.size_mm
-    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots, every tape whole and held by {said} tabs"
+    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots, every tape whole and held by {counts} tabs"
     return Check(name=name, passed=not problems, message=named(problems) or right, figure=max(errors) * 1000, unit="um")
 
 

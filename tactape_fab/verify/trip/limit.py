@@ -104,7 +104,7 @@ def error_free(rule: Rule, pose: FloatArray, scene: Scene) -> Localization:
     return _verdict(rule, *_parts_shown(rule, pose, scene), EVEN_TURNS, USUAL_SIGMA)
 
 
-def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, told_parts: bool) -> Localization:
+def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, known_parts: bool) -> Localization:
     """The rule's answer for the tops in a frame, on the grid that fits the parts' tops best.
 
     Grid and error of the tops are estimated with the true symbols. The shape of the tops counts for the quarter turn as in this
@@ -121,15 +121,15 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, to
     at = board_to_texture(board, rule.tape.board.texture_origin_mm) / rule.tape.pitch_mm
     weights, trust = dots.weights, dots.trust
     turns = turn_weights(dots.elongation, dots.weights, dots.trust, _grid_of(rule, view), rule.tape.part)
-    if told_parts:
-        at, weights, trust = _told(at, weights, trust, *_parts_shown(rule, pose, scene))
+    if known_parts:
+        at, weights, trust = _known_parts(at, weights, trust, *_parts_shown(rule, pose, scene))
     if not len(at):
         return Localization(status=status_of(0), located=False, n_dots=0)
     at, sigma = _on_own_grid(rule, at, weights, trust)
     return _verdict(rule, at, weights, trust, turns, sigma)
 
 
-def _told(
+def _known_parts(
     at: FloatArray, weights: FloatArray, trust: FloatArray, part_at: FloatArray, part_weights: FloatArray, part_trust: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Parts, each at the nearest top of its grid point if there is one, and all dots of other grid points."""

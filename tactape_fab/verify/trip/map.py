@@ -133,7 +133,7 @@ def _legend(contact: Contact, trips: Sequence[Trip]) -> list[tuple[float | int, 
     ]
     if contact.scene.contact != "pad":
         rows.append((_SIZE, "one such contact, to scale (lower right corner)"))
-    said = {
+    words = {
         RIGHT: "located and right in the round trip",
         LIMITED: "not located, as it shows too little",
         NOISY: "not located in the sensor's noise",
@@ -142,7 +142,7 @@ def _legend(contact: Contact, trips: Sequence[Trip]) -> list[tuple[float | int, 
         LOST: "not located, though the tape says enough there",
         WRONG: "located elsewhere: wrong",
     }
-    for outcome, text in said.items():
+    for outcome, text in words.items():
         count = sum(trip.count(outcome) for trip in trips)
         if count:
             rows.append(

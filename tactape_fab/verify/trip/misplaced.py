@@ -122,8 +122,8 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
     if len(r) == 0:
         return None
     # a window's place less its corner is the patch's origin, for which the most frequent one is taken
-    said = np.stack([places.sector[r, c], places.column[r, c] - c, places.row[r, c] - r], axis=1)
-    kinds, times = np.unique(said, axis=0, return_counts=True)
+    shifts = np.stack([places.sector[r, c], places.column[r, c] - c, places.row[r, c] - r], axis=1)
+    kinds, times = np.unique(shifts, axis=0, return_counts=True)
     sector, origin_column, origin_row = kinds[times.argmax()].tolist()
     plane = np.array([origin_column, origin_row]) - tape.origin
     rest_mm = np.median(moved - tape.displacement_mm * DIRECTIONS_XY[shown], axis=0)  # unbalanced symbols bias the phase
@@ -156,18 +156,18 @@ def _places_in_matrix(tape: Tape, symbols: SymbolArray) -> WindowPlaces:
 
 
 def _in_words(tape: Tape, named: _Named) -> str | None:
-    said = []
+    words = []
     if (named.code, named.sector) != (tape.code, tape.sector):
         of = f" of '{named.code}'" if named.code != tape.code else ""
-        said.append(f"its parts are those of sector {named.sector}{of}, not {tape.sector}")
+        words.append(f"its parts are those of sector {named.sector}{of}, not {tape.sector}")
     if named.mirrored:
-        said.append(
+        words.append(
             f"it is mirrored {('left to right', 'about a diagonal', 'top to bottom', 'about a diagonal')[named.quarters]}"
         )
     elif named.quarters:
-        said.append(f"it is turned by {(0, 90, 180, -90)[named.quarters]} deg")
-    if said:
-        return "; ".join(said)
+        words.append(f"it is turned by {(0, 90, 180, -90)[named.quarters]} deg")
+    if words:
+        return "; ".join(words)
     # board y points up, texture y down
     x, y = round(named.offset_mm[0], 4) + 0.0, round(-named.offset_mm[1], 4) + 0.0
     if max(abs(x), abs(y)) <= _TOLERANCE_MM:

@@ -204,10 +204,10 @@ def full_trips(
             return LIMITED
         # the same noise as in the missed frame, with the parts of the tape instead of those of the file
         own = frame_at(tape, number, pose, _SEED, sensor, scene)
-        if not as_seen(rule, pose, scene, own.depth, told_parts=True).located:
+        if not as_seen(rule, pose, scene, own.depth, known_parts=True).located:
             return NOISY
         # with the margin, as the ideal reader's grid is fitted with known symbols (see `MARGIN`)
-        if not as_seen(stricter, pose, scene, own.depth, told_parts=False).located:
+        if not as_seen(stricter, pose, scene, own.depth, known_parts=False).located:
             return BARELY
         return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
 
@@ -233,18 +233,18 @@ def check_measured(tape: Tape, contact: Contact | None = None) -> Check:
     contact = contact or read_contact()
     source = Source(name="as-built", parts=built_parts_of(tape))
     poses = draw_poses(tape, MEASURED, _SEED, contact.sensor, contact.scene)
-    trips, p50_um, said = [], [], []
+    trips, p50_um, messages = [], [], []
     for places, known in (("the measured places", tape), ("the design's", replace(tape, as_built=None))):
         locate = Localizer([known], contact.sensor).locate
         trips.append(_trip(tape, source, poses, contact.sensor, contact.scene, locate, lambda *_: LIMITED, lambda: None))
         error_um = trips[-1].error_um[trips[-1].outcome == RIGHT]
         p50_um.append(float(np.median(error_um)) if len(error_um) else inf)
         wrong = f" and {trips[-1].count(WRONG)} elsewhere" if trips[-1].count(WRONG) else ""
-        said.append(f"by {places} {len(error_um)} right{wrong}, error p50 {p50_um[-1]:.1f} um")
+        messages.append(f"by {places} {len(error_um)} right{wrong}, error p50 {p50_um[-1]:.1f} um")
     right, design = (trip.count(RIGHT) for trip in trips)
     good = not trips[0].count(WRONG)
     useful = right >= design and (tape.as_built.scatter_mm < SEEN_MM or p50_um[0] < p50_um[1])
-    message = f"of {MEASURED} contacts of the measured parts {', '.join(said)}"
+    message = f"of {MEASURED} contacts of the measured parts {', '.join(messages)}"
     return Check(
         name=f"round trip from {source.name}",
         passed=good and useful,
@@ -309,7 +309,7 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
         )
         return Check(name=name, passed=False, warning=True, message=message, figure=0.0)
     p50, p95, p99 = np.interp([0.5, 0.95, 0.99], np.linspace(0.0, 1.0, right), np.sort(trip.error_um[trip.outcome == RIGHT]))
-    said = (
+    outcomes = (
         (LIMITED, "shows too little to be located"),
         (NOISY, "not located in the sensor's noise"),
         (BARELY, "not located, as it shows barely enough"),
@@ -317,7 +317,7 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
         (LOST, "not located by the quick method"),
         (WRONG, "misplaced by the quick method, which has no bound"),
     )
-    rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in said if trip.count(outcome))
+    rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in outcomes if trip.count(outcome))
     message = f"{right} of {count} contacts located and right{rest}; error p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f} um"
     return Check(name=name, passed=True, message=message, figure=float(right))
 

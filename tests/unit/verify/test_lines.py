@@ -22,7 +22,7 @@ def kit(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_line_is_told_once_and_in_order(kit: Path) -> None:
     told: list[Check] = []
-    verification = verify_kit(kit, quick=True, said=told.append)
+    verification = verify_kit(kit, quick=True, on_check=told.append)
     assert tuple(told) == verification.checks
 
 
@@ -30,7 +30,7 @@ def test_the_manifest_is_told_before_the_files_are_read(kit: Path, monkeypatch: 
     told: list[str] = []
     monkeypatch.setattr("tactape_fab.verify.kit.read_files", lambda *_: pytest.fail(str(told)))
     with pytest.raises(pytest.fail.Exception, match=r"\['manifest'\]"):
-        verify_kit(kit, quick=True, said=lambda line: told.append(line.name))
+        verify_kit(kit, quick=True, on_check=lambda line: told.append(line.name))
 
 
 def test_readers_run_side_by_side_while_the_rest_is_checked(kit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,7 +53,7 @@ def test_readers_run_side_by_side_while_the_rest_is_checked(kit: Path, monkeypat
     monkeypatch.setattr("tactape_fab.verify.kit.full_trips", lambda *_: [])
     monkeypatch.setattr("tactape_fab.verify.kit.trip_checks", lambda *_: [])
     told: list[str] = []
-    verify_kit(kit, said=lambda line: told.append(line.name), beside=beside)
+    verify_kit(kit, on_check=lambda line: told.append(line.name), beside=beside)
     assert told[-3:] == ["beside", "fast", "slow"]
 
 

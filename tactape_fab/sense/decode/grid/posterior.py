@@ -144,10 +144,10 @@ def posterior(
     Returns sigma_mm: Standard deviation of a full dot along one axis.
     Returns camera (2, 3): Corrections of aspect, shear and k1, and their standard deviations; NaN if all dots are in one place.
     """
-    along, across, u, v, middle_x, middle_y, sigma = said = fit.tolist()
+    along, across, u, v, middle_x, middle_y, sigma = values = fit.tolist()
     # 1 / R: mm on the texture per px, by which the robust fit takes px to mm
     length = hypot(along, across)
-    if not (len(seen_mm) and 0.0 < length < inf and abs(sum(said)) < inf):
+    if not (len(seen_mm) and 0.0 < length < inf and abs(sum(values)) < inf):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     # in the image's axes, turned by the robust fit's theta: x and y are turned back at the end
     c, s = along / length, across / length

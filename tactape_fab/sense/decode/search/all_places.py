@@ -24,9 +24,9 @@ from tactape_fab.sense.decode.search.tally import (
     ManyBuffers,
     Tally,
     count_bound,
+    fill_group,
+    is_uninformative,
     least_of,
-    say_group,
-    says_nothing,
     weigh_known,
     weigh_site,
 )
@@ -48,9 +48,9 @@ def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, 
 def _buffers(tables: Tables, sites: Sites) -> Buffers:
     length, widest = len(sites.signs) // 3, int(sites.kinds[0])
     lines, most = np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest))
-    said = np.zeros((2, tables.lines.shape[3] + 1, 2 * length), dtype=np.float32)
+    evidence = np.zeros((2, tables.lines.shape[3] + 1, 2 * length), dtype=np.float32)
     return Buffers(
-        lines, most, np.empty(widest), np.empty((2, widest), dtype=np.int64), said, np.empty((length, length), dtype=np.bool_)
+        lines, most, np.empty(widest), np.empty((2, widest), dtype=np.int64), evidence, np.empty((length, length), dtype=np.bool_)
     )
 
 
@@ -80,7 +80,7 @@ def _weigh(
     # nothing that fits is known: beside so poor a place none could be left out. First the best one alone, then, if it fits, all
     for left in range(searches, 0, -1):
         _weigh_groups(tables, sites, groups, weights, tally, buffers, many, barred, holed, left == 2)
-        if left == 2 and says_nothing(tally):
+        if left == 2 and is_uninformative(tally):
             break
 
 
@@ -136,7 +136,7 @@ def _weigh_groups(
                             tables, sites, (group, limit), turn, (k, first, last), least, of, terms, tally, buffers, many
                         )
                     if left > 0:
-                        say_group(tables, turn, group, buffers)
+                        fill_group(tables, turn, group, buffers)
                     for c in range(left):
                         site, of_y, known, of_rows = first + c, limit[1], buffers.lines[0, 0, :0], buffers.lines[0, 0, :0]
                         if many is not None and order < 2:
@@ -154,7 +154,7 @@ def _weigh_groups(
                             sites.holed[sites.layout[site]],
                         )
                         if many is not None and len(known) > 0 and many.known_turns[turn]:
-                            weigh_known(candidate, many.said[turn], of_rows, tally, buffers)
+                            weigh_known(candidate, many.evidence[turn], of_rows, tally, buffers)
                         else:
                             weigh_site(candidate, sites.phases, barred, tally, buffers)
                     if holed is None:

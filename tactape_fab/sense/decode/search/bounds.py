@@ -100,7 +100,7 @@ def slot_of(
         length = of.pairs.shape[2]
         one = of.buffer[:length]
         for k in range(count):
-            _said(one, lines, dots, k)
+            _fill_range(one, lines, dots, k)
             of.line_most[slot, k] = _most(one, np.int64(0), length)
             of.made[0, slot, k] = of.made[1, slot, k] = False
     before, threes, after = runs_of(span[1] - span[0], way)
@@ -114,7 +114,7 @@ def slot_of(
 
 
 @inlined_kernel()
-def _said(out: Floats, lines: Floats, dots: tuple[int | np.int64, int], line: int) -> None:
+def _fill_range(out: Floats, lines: Floats, dots: tuple[int | np.int64, int], line: int) -> None:
     """Fill in the evidence of a range of the dots along a line, for the first len(out) phases."""
     low, high = dots
     for p in range(len(out)):
@@ -131,8 +131,8 @@ def bound_two(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64, 
         return
     length, least, greatest = of.pairs.shape[2], of.differences[0], of.differences[1]
     one, two, pairs = of.buffer[:length], of.buffer[length : 3 * length], of.pairs[slot, line]
-    _said(one, lines, dots, line)
-    _said(two, lines, dots, line + 1)
+    _fill_range(one, lines, dots, line)
+    _fill_range(two, lines, dots, line + 1)
     # phases of neighbours differ by delta, so max over p of x[p] + x'[p + delta] bounds both wherever they lie
     for step in range(least, greatest + 1):
         most = one[0] + two[step]
@@ -150,9 +150,9 @@ def bound_three(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64
         return
     length, least, greatest = of.pairs.shape[2], of.differences[0], of.differences[1]
     one, two, three = of.buffer[:length], of.buffer[length : 3 * length], of.buffer[3 * length : 6 * length]
-    _said(one, lines, dots, line)
-    _said(two, lines, dots, line + 1)
-    _said(three[: 2 * length], lines, dots, line + 2)
+    _fill_range(one, lines, dots, line)
+    _fill_range(two, lines, dots, line + 1)
+    _fill_range(three[: 2 * length], lines, dots, line + 2)
     for p in range(length):
         three[2 * length + p] = three[p]
     _bound_threes(of.triples[slot, line], one, two, three, of.buffer[6 * length :], of.differences)
@@ -232,17 +232,17 @@ def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tu
 
 
 @inner_kernel(fastmath=True)
-def _add_runs(out: Floats, said: Floats, steps: IntArray, runs: tuple[int, int, int], count: int) -> None:
+def _add_runs(out: Floats, bounds: Floats, steps: IntArray, runs: tuple[int, int, int], count: int) -> None:
     """Add the bounds of some runs at every start; ``runs`` are the first line, the lines of each run, and the number of runs."""
     first, each, number = runs
     for j in range(0, number - 1, 2):  # two at a time, so that the sums pass through memory half as often
         k = first + each * j
-        one, two = said[k], said[k + each]
+        one, two = bounds[k], bounds[k + each]
         for start in range(count):
             out[start] += one[steps[start + k]] + two[steps[start + k + each]]
     if number % 2 == 1:
         k = first + each * (number - 1)
-        one = said[k]
+        one = bounds[k]
         for start in range(count):
             out[start] += one[steps[start + k]]
 

@@ -132,7 +132,7 @@ def as_built(
     free_scale: Whether the pitch in px may change.
     tapes, built: Registered tapes, and what was measured of each.
     """
-    said = _said(fit, dots)
+    by_design = _design_odds(fit, dots)
     own = _Places(
         tape=np.array([place.tape]),
         turn=np.array([place.turn]),
@@ -141,12 +141,12 @@ def as_built(
         nominal=np.array([place.score]),
     )
     found, measured = own, built[place.tape] is not None
-    evidence = _weighed(own, fit, xy, dots, said, design, free_scale, tapes, built) if measured else None
+    evidence = _weighed(own, fit, xy, dots, by_design, design, free_scale, tapes, built) if measured else None
     score, clear = (place.score, _most(q)) if evidence is None else (float(evidence.score[0]), _most(evidence.q[0]))
     if score < clear - CLEAR:
         found = _candidates(place, own, tapes, built, families)
         if len(found.tape):
-            evidence = _weighed(found, fit, xy, dots, said, design, free_scale, tapes, built)
+            evidence = _weighed(found, fit, xy, dots, by_design, design, free_scale, tapes, built)
     # a tape that was measured has a tenth of its weight at the design's places, nine tenths at the measured ones
     share = LN_REST if measured else 0.0
     nominal = place.score + place.weight + share
@@ -241,7 +241,7 @@ def _candidates(
     return replace(places, weight=np.where(_is(place, places), np.maximum(weight, place.weight), weight))
 
 
-def _said(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:
+def _design_odds(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:
     """Of each dot the probability that it is a part, 0 unless the likeliest on its grid point, and ln of its density; (n,)."""
     likely = dots.trust * dots.weights
     same = (fit.nodes[:, None] == fit.nodes).all(axis=2)
@@ -265,7 +265,7 @@ def _weighed(
     fit: Fit,
     xy: FloatArray,
     dots: Dots,
-    said: tuple[FloatArray, FloatArray],
+    by_design: tuple[FloatArray, FloatArray],
     design: tuple[float, float],
     free_scale: bool,
     tapes: Sequence[Tape],
@@ -278,7 +278,7 @@ def _weighed(
     off = np.einsum("kij,knj->kni", _TO_GRID[places.turn], off) / pitch_mm
     # the place's own variance, pitches squared; added to that of the dot
     own = (own / pitch_mm) ** 2
-    part = said[0] * inside
+    part = by_design[0] * inside
     around = shift * _around(directions)
     variance, squares = _fitted(fit, xy, dots, part, off, own, around, free_scale)
     density = np.exp(-0.5 * squares / variance[..., None]) / (2.0 * directions * np.pi * variance[..., None])
@@ -290,7 +290,7 @@ def _weighed(
     # alike. A dot off the parts has the factor 1
     score = (np.log(directions * named) * inside).sum(axis=1)
     # a place where the dots are less likely than by the design, whatever their symbols, is worth less; the bound still holds
-    likelier = ((np.log(total) - said[1]) * inside).sum(axis=1)
+    likelier = ((np.log(total) - by_design[1]) * inside).sum(axis=1)
     credit = np.minimum(CREDIT * np.maximum(likelier, 0.0), MOST_CREDIT)
     return _Evidence(score=score + np.minimum(likelier, 0.0), credit=credit, q=q)
 

@@ -113,9 +113,9 @@ def turned_of_eight(q: FloatArray, turn: int, codes: IntArray, evidence: FloatAr
                     one += q[i, (place + 2 * turn) % 8]
                 else:
                     zero += q[i, (place + 2 * turn) % 8]
-            said_one, said_zero = np.log(2.0 * one), np.log(2.0 * zero)
-            evidence[i, 0] += 0.5 * (said_one + said_zero)
-            evidence[i, 1 + bit] = 0.5 * (said_one - said_zero)
+            ln_one, ln_zero = np.log(2.0 * one), np.log(2.0 * zero)
+            evidence[i, 0] += 0.5 * (ln_one + ln_zero)
+            evidence[i, 1 + bit] = 0.5 * (ln_one - ln_zero)
 
 
 def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Tables:
@@ -137,11 +137,11 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     # phases twice over, so that L of them from any phase on are one piece of memory without a modulo. Single precision: ln E of
     # up to some hundred is right to 1e-4, and a vector holds twice as many
     lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
-    dots, most_said = np.zeros((4, m + 1, m + 1), dtype=np.int64), np.zeros((4, 2, m + 1, m + 1))
+    dots, most_evidence = np.zeros((4, m + 1, m + 1), dtype=np.int64), np.zeros((4, 2, m + 1, m + 1))
     if length > 0:
         _fill_lines(cells, evidence, signs, lines)
-    _fill_below(cells, evidence, dots, most_said)
-    return Tables(cells, evidence, corner, size, lines, dots, most_said)
+    _fill_below(cells, evidence, dots, most_evidence)
+    return Tables(cells, evidence, corner, size, lines, dots, most_evidence)
 
 
 @kernel(no_rewrites=False)
@@ -217,7 +217,7 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
 
 
 @inner_kernel(fastmath=True)
-def say(out: Floats, lines: Floats, dots: tuple[int, int], count: int) -> None:
+def fill_range(out: Floats, lines: Floats, dots: tuple[int, int], count: int) -> None:
     """Evidence of a range of the dots (first, last + 1) along each of some lines, for every phase twice over.
 
     out (m + 1, 2 L): Overwritten, but for its last row.
@@ -237,7 +237,7 @@ def _shifted(phase: int, by: int, cycle: int) -> int:
 
 
 @inner_kernel(fastmath=True)
-def add_everywhere(out: Floats, most: Floats, said: Floats, count: int, phases: IntArray) -> None:
+def add_everywhere(out: Floats, most: Floats, evidence: Floats, count: int, phases: IntArray) -> None:
     """Evidence of all lines together for every start in the plane and every phase, and the largest of each start.
 
     out (n, L), most (n,): Overwritten, but for starts so near the end that a line would lie beyond it.
@@ -245,7 +245,7 @@ def add_everywhere(out: Floats, most: Floats, said: Floats, count: int, phases: 
     """
     starts, length = len(out) - count + 1, out.shape[1]
     for k in range(count):  # a line at all starts, then the next: a third less time than all lines at each start
-        line = said[k]
+        line = evidence[k]
         for start in range(starts):
             here, shift = out[start], phases[start + k]
             value = line[shift : shift + length]
@@ -264,36 +264,36 @@ def add_everywhere(out: Floats, most: Floats, said: Floats, count: int, phases: 
 
 @inner_kernel(fastmath=True)
 def add_lines_at(
-    out: Floats, most: FloatArray, said: Floats, span: tuple[int, int], phases: IntArray, start: int, phase: int, places: int
+    out: Floats, most: FloatArray, evidence: Floats, span: tuple[int, int], phases: IntArray, start: int, phase: int, places: int
 ) -> float:
     """Evidence of some lines together at one phase for each of some places that follow one another, and the largest of it.
 
     out (k, n), most (k,): Entry 0 of each place's row is overwritten, and its `most`.
     places: How many there are, the first at `start`; `add_lines` has the other parameters.
     """
-    (first, last), cycle, largest = span, said.shape[1] // 2, np.float32(-np.inf)
+    (first, last), cycle, largest = span, evidence.shape[1] // 2, np.float32(-np.inf)
     for j in range(places):
         total = np.float32(0.0)
         for k in range(first, last):
-            total += said[k, _shifted(phases[start + j + k], phase, cycle)]
+            total += evidence[k, _shifted(phases[start + j + k], phase, cycle)]
         out[j, 0] = most[j] = total
         largest = max(largest, total)
     return float(largest)
 
 
 @inner_kernel(fastmath=True)
-def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray, start: int, phase: int) -> float:
+def add_lines(out: Floats, evidence: Floats, span: tuple[int, int], phases: IntArray, start: int, phase: int) -> float:
     """Evidence of some lines together for some phases that follow one another, and the largest of it.
 
     out (n,): Overwritten; n is at most L.
-    said (m + 1, 2 L): From `say`, the last row zero.
+    evidence (m + 1, 2 L): From `fill_range`, the last row zero.
     span: The first line and the last + 1.
     phases: Phase of each line of the plane.
     start: Where the dots' line 0 lies in `phases`.
     phase: The first of those in `out`.
     """
     first, last = span
-    length, cycle, nothing = len(out), said.shape[1] // 2, len(said) - 1
+    length, cycle, nothing = len(out), evidence.shape[1] // 2, len(evidence) - 1
     for k in range(first, last, 4):  # four at a time, so that sums pass through memory a quarter as often; zeros behind the last
         # behind the last line the row of zeros is added: one loop for any number of lines
         k1, k2, k3 = (
@@ -307,8 +307,8 @@ def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray
             _shifted(phases[start + k2], phase, cycle) if k2 < last else 0,
             _shifted(phases[start + k3], phase, cycle) if k3 < last else 0,
         )
-        one, two = said[k, shift : shift + length], said[k1, shift1 : shift1 + length]
-        three, four = said[k2, shift2 : shift2 + length], said[k3, shift3 : shift3 + length]
+        one, two = evidence[k, shift : shift + length], evidence[k1, shift1 : shift1 + length]
+        three, four = evidence[k2, shift2 : shift2 + length], evidence[k3, shift3 : shift3 + length]
         if k == first:
             for p in range(length):
                 out[p] = one[p] + two[p] + three[p] + four[p]

@@ -144,10 +144,10 @@ def _bound_whole(
         more.bounds[site] = rest
     for n in range(count):
         k = more.whole[0, n]
-        said = known.triples[slot, k] if more.whole[1, n] == 3 else known.pairs[slot, k]
+        by_step = known.triples[slot, k] if more.whole[1, n] == 3 else known.pairs[slot, k]
         steps = sites.steps[axis, 1 if more.whole[1, n] == 3 else 0, start + k :]
         for site in range(span[0], span[1]):
-            more.bounds[site] += said[steps[sites.table[site, START, axis]]]
+            more.bounds[site] += by_step[steps[sites.table[site, START, axis]]]
 
 
 @inner_kernel()
@@ -196,17 +196,17 @@ def _evidence(tables: Tables, sites: Sites, of: tuple[int, int], at: tuple[int, 
     columns, rows = sites.sizes[sites.size_of[site], 0], sites.sizes[sites.size_of[site], 1]
     length = len(sites.signs) // 3
     for i in range(len(cells)):
-        column, row, said = at[0] + cells[i, 0], at[1] + cells[i, 1], 0.0
+        column, row, ln_e = at[0] + cells[i, 0], at[1] + cells[i, 1], 0.0
         if 0 <= column < columns and 0 <= row < rows and not bare[row, column]:
             # X[r, c] and Y[r, c] of docs/codes.md: a line's phase, the place along it, and u or v of the sector
             x_phase = sites.phases[0, place[START, 0] + column] + place[ORIGIN, 1] + row + place[SECTOR, 0]
             y_phase = sites.phases[1, place[START, 1] + row] + place[ORIGIN, 0] + column + place[SECTOR, 1]
-            said = (
+            ln_e = (
                 evidence[i, 0] + evidence[i, 1] * sites.signs[x_phase % length] + evidence[i, 2] * sites.signs[y_phase % length]
             )
         # starts at what all dots can say and is lowered dot by dot, so that it bounds the sum wherever it stops. A dot off all
         # parts has ln E = 0, its factor in E is 1
-        bound += said - (evidence[i, 0] + abs(evidence[i, 1]) + abs(evidence[i, 2]))
+        bound += ln_e - (evidence[i, 0] + abs(evidence[i, 1]) + abs(evidence[i, 2]))
         if bound < least - _ROUNDING:
             break
     return float(bound)

@@ -18,7 +18,7 @@ from tactape_fab.sense.decode.search.bounds import (
     survivors,
     survivors_of_starts,
 )
-from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_everywhere, say
+from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_everywhere, fill_range
 from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights, likelier_turn
 from tactape_fab.sense.decode.search.holes import weigh_holed
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, Sites
@@ -30,8 +30,8 @@ from tactape_fab.sense.decode.search.tally import (
     ManyBuffers,
     Tally,
     count_bound,
+    fill_group,
     new_tally,
-    say_group,
     weigh_site,
 )
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -48,7 +48,7 @@ _FEW_PHASES = 16
 """Up to so many phases the evidence at every place of the plane is kept: megabytes, and faster than bounds."""
 _PLACES_BOUNDED = 0.5
 """Cost of bounding one place of the plane in one more way, over that of evaluating one place of a site."""
-_PLACES_SAID = 2
+_PLACES_FILLED = 2
 """Cost of computing the evidence of one place of the plane for all phases, over that of evaluating one place of a site."""
 _ANYTHING = 1e6
 """An offset that makes any bound pass, small enough that a sum with it keeps its digits."""
@@ -73,11 +73,11 @@ def _no_buffers(length: int) -> ManyBuffers:
 
 def _buffers_for(dots: int, length: int, sites: int, lines: int, differences: IntArray, rows: int) -> ManyBuffers:
     starts, chosen = np.empty((4, 2, lines), dtype=np.float32), np.empty(sites, dtype=np.int64)
-    said = np.empty((4, 2, lines if length <= _FEW_PHASES else 0, length), dtype=np.float32)
+    evidence = np.empty((4, 2, lines if length <= _FEW_PHASES else 0, length), dtype=np.float32)
     return ManyBuffers(
         no_bounds(dots, length, differences),
         starts,
-        said,
+        evidence,
         np.zeros(4, dtype=np.bool_),
         np.zeros(4, dtype=np.int64),
         np.empty(sites),
@@ -103,16 +103,18 @@ def prepare(
     holed: IntArray | None,
 ) -> None:
     """Bounds of all starts in the plane, and a first guess where nothing that fits is known yet."""
-    most_said = NEVER
+    most_evidence = NEVER
     for g in range(len(groups.limits)):
-        most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
+        most_evidence = max(most_evidence, groups.limits[g, 0] + groups.limits[g, 1])
     for turn in range(4):
         more.known_turns[turn] = False
         more.ways[turn] = 0
         _bound_turn(tables, sites, turn, more)
     # a group is left out by what it weighs beside the best: without a good place first nothing would be
-    if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
-        tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, holed, most_said))
+    if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_evidence:
+        tally.sums[BEST] = max(
+            tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, holed, most_evidence)
+        )
 
 
 @inlined_kernel()
@@ -142,9 +144,9 @@ def choose(
         while more.ways[turn] < WAYS and left * places > _PLACES_BOUNDED * len(more.everywhere[0]):
             _bound_turn(tables, sites, turn, more)
             left, dropped, most = _open_inside(sites, of[0], turn, kind, least, more)
-        worth = left * places > _PLACES_SAID * more.said.shape[2] > 0
+        worth = left * places > _PLACES_FILLED * more.evidence.shape[2] > 0
         if worth and not more.known_turns[turn]:
-            _say_everywhere(tables, sites, turn, buffers, more)
+            _fill_everywhere(tables, sites, turn, buffers, more)
             left, dropped, most = _open_inside(sites, of[0], turn, kind, least, more)
     else:
         axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
@@ -187,12 +189,12 @@ def _bound_turn(tables: Tables, sites: Sites, turn: int, more: ManyBuffers) -> N
 
 
 @inner_kernel()
-def _say_everywhere(tables: Tables, sites: Sites, turn: int, buffers: Buffers, more: ManyBuffers) -> None:
-    """Fill `ManyBuffers.said` for a turn, and `starts` with the largest of each entry."""
+def _fill_everywhere(tables: Tables, sites: Sites, turn: int, buffers: Buffers, more: ManyBuffers) -> None:
+    """Fill `ManyBuffers.evidence` for a turn, and `starts` with the largest of each entry."""
     for axis in range(2):
-        count, across, said = tables.size[turn, axis], tables.size[turn, 1 - axis], buffers.said[axis]
-        say(said, tables.lines[turn, axis], (np.int64(0), across), count)
-        add_everywhere(more.said[turn, axis], more.starts[turn, axis], said, count, sites.phases[axis])
+        count, across, evidence = tables.size[turn, axis], tables.size[turn, 1 - axis], buffers.evidence[axis]
+        fill_range(evidence, tables.lines[turn, axis], (np.int64(0), across), count)
+        add_everywhere(more.evidence[turn, axis], more.starts[turn, axis], evidence, count, sites.phases[axis])
     more.known_turns[turn] = True
 
 
@@ -205,9 +207,9 @@ def _bound_inside(sites: Sites, group: IntArray, turn: int, kind: tuple[int, int
     x, y, rank = more.of_starts[0], more.of_starts[1], sites.starts.rank
     for axis in range(2):
         span, count = sites.starts.spans[kind[0], axis], group[COLUMNS] if axis == 0 else group[ROWS]
-        place, said = sites.starts.place[axis], more.starts[turn, axis]
+        place, by_start = sites.starts.place[axis], more.starts[turn, axis]
         # two overlapping windows of a power of two cover any `count` places of a site
-        largest, width = largest_of(said, count, more.everywhere)
+        largest, width = largest_of(by_start, count, more.everywhere)
         for k in range(span[0], span[1]):
             more.of_starts[axis, k] = max(largest[place[k]], largest[place[k] + count - width])
     for site in range(kind[1], kind[2]):
@@ -289,7 +291,7 @@ def _first_guess(
     buffers: Buffers,
     more: ManyBuffers,
     holed: IntArray | None,
-    most_said: float,
+    most_evidence: float,
 ) -> float:
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
     base, bounds, nothing, guess = weights.place, more.bounds, more.starts[0, 0, :0], more.guess
@@ -301,7 +303,7 @@ def _first_guess(
     for over in range(2):
         for turn_k in range(4):
             turn = likelier_turn(turn_k, weights.turn)
-            if guess.sums[BEST] > base[likely, 0] + _FOUND * most_said:
+            if guess.sums[BEST] > base[likely, 0] + _FOUND * most_evidence:
                 break
             for k in range(len(sites.classes)):
                 kind = sites.classes[k]
@@ -310,7 +312,7 @@ def _first_guess(
                 for g in range(groups.spans[turn, kind[SIZE], 0], groups.spans[turn, kind[SIZE], 1]):
                     group, limit = groups.fields[g], groups.limits[g]
                     bound = limit[0] + limit[1]
-                    if group[OVER] != over or bound < _PROMISING * most_said or bound + base[turn, over] < guess.sums[BEST]:
+                    if group[OVER] != over or bound < _PROMISING * most_evidence or bound + base[turn, over] < guess.sums[BEST]:
                         continue
                     if over == 0:
                         _bound_inside(sites, group, turn, (k, kind[FIRST], kind[LAST]), more)
@@ -331,7 +333,7 @@ def _first_guess(
                         (base[turn, over], 0.0),
                         sites.holed[sites.layout[site]],
                     )
-                    say_group(tables, turn, group, buffers)
+                    fill_group(tables, turn, group, buffers)
                     weigh_site(candidate, sites.phases, sites.barred, guess, buffers)
                     if holed is not None and sites.layout[site] > 0:
                         weigh_holed(

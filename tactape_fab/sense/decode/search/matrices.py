@@ -29,8 +29,8 @@ from tactape_fab.sense.decode.search.tally import (
     Tally,
     count_at,
     count_bound,
+    is_uninformative,
     least_of,
-    says_nothing,
 )
 from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 
@@ -84,7 +84,7 @@ class Frame(NamedTuple):
     ----------
     cells : ndarray of int, shape (4, n, 2)
         `Tables.cells`.
-    said : ndarray, shape (4, n, symbols + 1)
+    evidence : ndarray, shape (4, n, symbols + 1)
         ln E of each dot for each symbol, and 0 where there is no part.
     fits : ndarray of int, shape (4, n)
         The symbol that fits each dot best.
@@ -101,7 +101,7 @@ class Frame(NamedTuple):
     """
 
     cells: IntArray
-    said: FloatArray
+    evidence: FloatArray
     fits: IntArray
     floor: FloatArray
     rest: FloatArray
@@ -149,23 +149,23 @@ def weigh_matrices(tables: Tables, matrices: Matrices, least: int, base: FloatAr
 
 
 def _frame(tables: Tables, matrices: Matrices) -> Frame:
-    said, m = tables.evidence @ _signs(tables.evidence.shape[2] - 1), tables.dots.shape[1] - 1
-    ranked = np.sort(said[0], axis=1)
+    evidence, m = tables.evidence @ _signs(tables.evidence.shape[2] - 1), tables.dots.shape[1] - 1
+    ranked = np.sort(evidence[0], axis=1)
     # a wrong symbol costs a dot at least what its best is ahead of its second
     lost = ranked[:, -1] - ranked[:, -2]
     order = np.argsort(-lost, kind="stable")
     # indexing leaves other layouts for one dot than for several, and each would be compiled for
-    said, cells = np.ascontiguousarray(said[:, order]), np.ascontiguousarray(tables.cells[:, order])
-    best = np.ascontiguousarray(said.max(axis=2))
+    evidence, cells = np.ascontiguousarray(evidence[:, order]), np.ascontiguousarray(tables.cells[:, order])
+    best = np.ascontiguousarray(evidence.max(axis=2))
     floor, most = np.empty(len(order) + 1), np.zeros((4, m + 1, m + 1))
-    counted = _choose(lost[order], _by_chance(said.shape[2]), floor)
+    counted = _choose(lost[order], _by_chance(evidence.shape[2]), floor)
     _fill_most(cells, best, most)
     after = np.cumsum(best[:, ::-1], axis=1)[:, ::-1]
     high, words = int(matrices.sizes[:, 1].max()) + m, matrices.wrong.shape[2]
     return Frame(
         cells=cells,
-        said=np.ascontiguousarray(np.concatenate([said, np.zeros((4, len(order), 1))], axis=2)),
-        fits=np.ascontiguousarray(said.argmax(axis=2)),
+        evidence=np.ascontiguousarray(np.concatenate([evidence, np.zeros((4, len(order), 1))], axis=2)),
+        fits=np.ascontiguousarray(evidence.argmax(axis=2)),
         floor=floor[: counted + 1],
         rest=np.ascontiguousarray(np.concatenate([after, np.zeros((4, 1))], axis=1)),
         most=most,
@@ -255,7 +255,7 @@ def _weigh(
                 if base[turn, over] > _EVIDENT:
                     likelihood = max(likelihood, bound - base[turn, over] + cue[turn])
         count_bound(np.exp(places + bound - tally.sums[BEST]), likelihood, tally.sums)
-        if left == 2 and says_nothing(tally):
+        if left == 2 and is_uninformative(tally):
             break
 
 
@@ -413,9 +413,9 @@ def _index(bit: np.uint64) -> int:
 @inner_kernel()
 def _add_up(frame: Frame, shown: SymbolArray, turn: int, start: int, stride: int, least: float) -> float:
     """Ln E at a place, whose first column and row of dots are at ``start``; `NEVER` once it cannot reach what matters."""
-    total, cells, said, rest = 0.0, frame.cells[turn], frame.said[turn], frame.rest[turn]
+    total, cells, evidence, rest = 0.0, frame.cells[turn], frame.evidence[turn], frame.rest[turn]
     for k in range(cells.shape[0]):
-        total += said[k, shown[start + cells[k, 1] * stride + cells[k, 0]]]
+        total += evidence[k, shown[start + cells[k, 1] * stride + cells[k, 0]]]
         if total + rest[k + 1] < least - _ROUNDING:
             return NEVER
     return total

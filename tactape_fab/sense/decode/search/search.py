@@ -136,7 +136,7 @@ class Place:
     shown: SymbolArray
     others: float
     lead: float
-    most_said: float
+    most_evidence: float
     tables: tuple[Tables, ...]
     groups: tuple[Groups, ...]
     turn_weights: FloatArray
@@ -242,7 +242,7 @@ def search(
         shown=symbols,
         others=max(total - 1.0, 0.0),
         lead=score + float(cue[turn]) - _next_best(tallies, sums, answer),
-        most_said=float(most[0] + most[1]),
+        most_evidence=float(most[0] + most[1]),
         tables=tables,
         groups=groups,
         turn_weights=turn_weights,

@@ -13,7 +13,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.rule import MOST_RANGE
-from tactape_fab.sense.decode.search.evidence import Floats, add_lines, say, signs_of, tables_of
+from tactape_fab.sense.decode.search.evidence import Floats, add_lines, fill_range, signs_of, tables_of
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.plane import PlaneCode
@@ -81,13 +81,16 @@ class SequencePlane(CodePlane):
 
 def _along(lines: Floats, dots: int, count: int, phases: IntArray, length: int) -> Floats:
     """Evidence of all lines together for every start in the plane and every phase; shape (starts, L)."""
-    out, said = np.empty((len(phases) - count + 1, length), dtype=np.float32), np.zeros((count + 1, 2 * length), dtype=np.float32)
-    _add_along(lines, dots, count, phases, said, out)
+    out, evidence = (
+        np.empty((len(phases) - count + 1, length), dtype=np.float32),
+        np.zeros((count + 1, 2 * length), dtype=np.float32),
+    )
+    _add_along(lines, dots, count, phases, evidence, out)
     return out
 
 
 @kernel()
-def _add_along(lines: Floats, dots: int, count: int, phases: IntArray, said: Floats, out: Floats) -> None:
-    say(said, lines, (0, dots), count)
+def _add_along(lines: Floats, dots: int, count: int, phases: IntArray, evidence: Floats, out: Floats) -> None:
+    fill_range(evidence, lines, (0, dots), count)
     for start in range(len(out)):
-        add_lines(out[start], said, (0, count), phases, start, np.int64(0))
+        add_lines(out[start], evidence, (0, count), phases, start, np.int64(0))

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel
 from tactape_fab.sense.decode.search.bounds import NEVER, Bounds
-from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_lines, add_lines_at, say
+from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_lines, add_lines_at, fill_range
 from tactape_fab.sense.decode.search.groups import COLUMNS, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -55,7 +55,7 @@ def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: fl
 
 
 @inner_kernel()
-def says_nothing(tally: Tally) -> bool:
+def is_uninformative(tally: Tally) -> bool:
     """Whether no second search is needed after one for the best place alone, because that place does not fit.
 
     Otherwise the tally is reset except for the best weight, which stays as a floor: its place is found again.
@@ -100,7 +100,7 @@ class Buffers(NamedTuple):
     most (2, k): The largest of each.
     shares (k,): exp of the largest of each row, over the largest of all.
     rows (2, k): Rows of a group that are over holes, and the same modulo L.
-    said (2, m + 1, 2 L): Evidence of a group's dots along its columns and rows, from `say_group`; the last row is zero.
+    evidence (2, m + 1, 2 L): Of a group's dots along its columns and rows, from `fill_group`; the last row is zero.
     allowed (L, L): Sectors that are not barred.
     """
 
@@ -108,17 +108,17 @@ class Buffers(NamedTuple):
     most: FloatArray
     shares: FloatArray
     rows: IntArray
-    said: Floats
+    evidence: Floats
     allowed: BoolArray
 
 
 class ManyBuffers(NamedTuple):
     """Work buffers for many sites.
 
-    starts (4, 2, columns or rows of the plane): From `_bound_turn`, or the largest of each entry of `said`.
-    said (4, 2, columns or rows of the plane, L): Evidence of all dots with their column or row 0 there, for every phase; of the
-        turns in `known_turns` alone, from `_say_everywhere`. Empty where L is large.
-    known_turns (4,): Whether `said` is of a turn.
+    starts (4, 2, columns or rows of the plane): From `_bound_turn`, or the largest of each entry of `evidence`.
+    evidence (4, 2, columns or rows of the plane, L): Of all dots with their column or row 0 there, for every phase; of the turns
+        in `known_turns` alone, from `_fill_everywhere`. Empty where L is large.
+    known_turns (4,): Whether `evidence` is of a turn.
     ways (4,): In how many ways `starts` is bounded, by turn.
     bounds, of_rows (n,): From `_bound_inside`.
     of_each_row (rows, n): Of `holes`; empty where no tape has any.
@@ -131,7 +131,7 @@ class ManyBuffers(NamedTuple):
 
     known: Bounds
     starts: Floats
-    said: Floats
+    evidence: Floats
     known_turns: BoolArray
     ways: IntArray
     bounds: FloatArray
@@ -174,11 +174,13 @@ def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
 
 
 @inner_kernel()
-def say_group(tables: Tables, turn: int, group: IntArray, buffers: Buffers) -> None:
-    """Fill `Buffers.said` for a group, which `weigh_site` needs."""
+def fill_group(tables: Tables, turn: int, group: IntArray, buffers: Buffers) -> None:
+    """Fill `Buffers.evidence` for a group, which `weigh_site` needs."""
     for axis in range(2):
         other = 4 * (1 - axis)
-        say(buffers.said[axis], tables.lines[turn, axis], (group[other + 2], group[other + 3]), tables.size[turn, axis])
+        fill_range(
+            buffers.evidence[axis], tables.lines[turn, axis], (group[other + 2], group[other + 3]), tables.size[turn, axis]
+        )
 
 
 @inner_kernel(no_rewrites=False)
@@ -206,7 +208,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
             most = add_lines_at(
                 buffers.lines[axis],
                 buffers.most[axis],
-                buffers.said[axis],
+                buffers.evidence[axis],
                 (group[own + 2], group[own + 3]),
                 phases[axis],
                 place[START, axis] + group[own],
@@ -220,7 +222,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
                 continue
             value = add_lines(
                 buffers.lines[axis, k, :count],
-                buffers.said[axis],
+                buffers.evidence[axis],
                 (group[own + 2], group[own + 3]),
                 phases[axis],
                 place[START, axis] + group[own] + k,
@@ -240,8 +242,8 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
 
 
 @inner_kernel()
-def weigh_known(candidate: Candidate, said: Floats, of_rows: Floats, tally: Tally, buffers: Buffers) -> None:
-    """Count one group of places on one site from precomputed evidence, entries of `ManyBuffers.said`.
+def weigh_known(candidate: Candidate, evidence: Floats, of_rows: Floats, tally: Tally, buffers: Buffers) -> None:
+    """Count one group of places on one site from precomputed evidence, entries of `ManyBuffers.evidence`.
 
     of_rows: The largest of it at each row of the group.
     """
@@ -256,7 +258,7 @@ def weigh_known(candidate: Candidate, said: Floats, of_rows: Floats, tally: Tall
         return
     for k in range(group[ROWS]):
         buffers.most[1, k] = of_rows[k]
-    lines = said[0, place[START, 0] + group[X] :], said[1, place[START, 1] + group[Y] :]
+    lines = evidence[0, place[START, 0] + group[X] :], evidence[1, place[START, 1] + group[Y] :]
     row, column = place[ORIGIN, 1] + group[Y] + place[SECTOR, 0], place[ORIGIN, 0] + group[X] + place[SECTOR, 1]
     _count_sector(candidate, tally, lines, buffers.most, (row % length, column % length))
 

@@ -37,19 +37,19 @@ class TracePlane(CodePlane):
         tables = tables_of(nodes, q, _NO_SIGNS, self.most_cells)
         if tables.size.max() > self.most_cells:
             return None
-        said = np.empty(self._trace.order + 1, dtype=np.float32)
+        spectrum = np.empty(self._trace.order + 1, dtype=np.float32)
         found = np.empty((4, 4))  # of each turn: the best ln E, its element, the next best, and the sum of all E by the best
         for turn in range(4):
             column, row = tables.cells[turn].T
             mean, x, y = tables.evidence[turn].T
-            said[:] = 0.0
+            spectrum[:] = 0.0
             for bit, evidence in enumerate((x, y)):
                 # a bit is b = parity(f & z), and says e (2 b - 1) = -e (-1)^parity(f & z): entry f of the transform's input
                 # gets -e. Several bits may have one function, so `subtract.at` and no indexed subtraction
-                np.subtract.at(said, self._functions[row, column, bit], evidence)
-            transform(said)
-            said[0] = -np.inf  # no place has the element 0
-            tell(said, found[turn])
+                np.subtract.at(spectrum, self._functions[row, column, bit], evidence)
+            transform(spectrum)
+            spectrum[0] = -np.inf  # no place has the element 0
+            summarise(spectrum, found[turn])
             # the part of ln E that does not depend on bits; the sum of all E is relative to the best, where it cancels
             found[turn, [0, 2]] += mean.sum()
         turn = int(found[:, 0].argmax())
@@ -79,20 +79,20 @@ class TracePlane(CodePlane):
 
 
 @long_kernel(fastmath=True)
-def transform(said: Floats) -> None:
+def transform(values: Floats) -> None:
     """Walsh-Hadamard transform in place: entry z becomes the sum of entries f, less those where f & z has odd parity."""
     # levels up to the block's size stay within a block: one pass through memory does all of them
-    block = min(_BLOCK, len(said))
-    for start in range(0, len(said), block):
-        _levels(said[start : start + block], 1)
-    _levels(said, block)
+    block = min(_BLOCK, len(values))
+    for start in range(0, len(values), block):
+        _levels(values[start : start + block], 1)
+    _levels(values, block)
 
 
 @inner_kernel(fastmath=True)
-def _levels(said: Floats, half: int) -> None:
-    while half < len(said):
-        for start in range(0, len(said), 2 * half):
-            low, high = said[start : start + half], said[start + half : start + 2 * half]
+def _levels(values: Floats, half: int) -> None:
+    while half < len(values):
+        for start in range(0, len(values), 2 * half):
+            low, high = values[start : start + half], values[start + half : start + 2 * half]
             for k in range(half):
                 a, b = low[k], high[k]
                 low[k], high[k] = a + b, a - b
@@ -100,17 +100,17 @@ def _levels(said: Floats, half: int) -> None:
 
 
 @long_kernel()
-def tell(said: Floats, found: FloatArray) -> None:
+def summarise(values: Floats, found: FloatArray) -> None:
     """Largest entry, its place, the next largest, and the sum of exp of all by the largest's, written in place."""
     best, at, second = -np.inf, 0, -np.inf
-    for z in range(len(said)):
-        if said[z] > second:
-            if said[z] > best:
-                second, best, at = best, said[z], z
+    for z in range(len(values)):
+        if values[z] > second:
+            if values[z] > best:
+                second, best, at = best, values[z], z
             else:
-                second = said[z]
+                second = values[z]
     total = 0.0
-    for z in range(len(said)):
-        if said[z] > best - _NEGLIGIBLE:
-            total += np.exp(said[z] - best)
+    for z in range(len(values)):
+        if values[z] > best - _NEGLIGIBLE:
+            total += np.exp(values[z] - best)
     found[0], found[1], found[2], found[3] = best, at, second, total

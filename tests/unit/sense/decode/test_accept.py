@@ -95,7 +95,7 @@ P_TAPE = 1e-6
 @pytest.fixture
 def place() -> Place:
     """Any place: of its fields those that doubt looks at are given by each test."""
-    said = {"score": 50.0, "weight": -9.0, "tape": 0, "turn": 0, "others": 1e-7, "lead": 40.0, "most_said": 99.0}
+    said = {"score": 50.0, "weight": -9.0, "tape": 0, "turn": 0, "others": 1e-7, "lead": 40.0, "most_evidence": 99.0}
     arrays = {"cells": np.zeros((6, 2), dtype=np.int64), "shown": np.zeros((9, 9), dtype=np.uint8)}
     weights = {"turn_weights": np.full(4, 0.25), "weights": np.zeros((4, 2))}
     fields: dict[str, Any] = {**said, **arrays, **weights, "tables": (), "groups": ()}
@@ -177,12 +177,12 @@ def test_a_stranger_is_named_if_it_would_be_accepted_itself(
 
 
 def test_what_is_refused_anyhow_is_searched_only_for_a_name(monkeypatch: pytest.MonkeyPatch, place: Place) -> None:
-    found, asked = doubted(monkeypatch, replace(place, most_said=CLEAR_LN - 1e-6), p_tape=0.5)
+    found, asked = doubted(monkeypatch, replace(place, most_evidence=CLEAR_LN - 1e-6), p_tape=0.5)
     assert asked == {} and found.lead == place.lead
-    assert "strangers" in doubted(monkeypatch, replace(place, most_said=CLEAR_LN + 1e-6), p_tape=0.5)[1]
+    assert "strangers" in doubted(monkeypatch, replace(place, most_evidence=CLEAR_LN + 1e-6), p_tape=0.5)[1]
     unnamed, _ = doubted(monkeypatch, place, replace(FOUND, score=0.0), p_tape=0.5)
     assert unnamed.p_place == found.p_place and unnamed.lead == place.lead
-    exact, asked = doubted(monkeypatch, replace(place, most_said=0.0), p_tape=LIMITS.max_p_false)
+    exact, asked = doubted(monkeypatch, replace(place, most_evidence=0.0), p_tape=LIMITS.max_p_false)
     assert "rivals" in asked and exact.p_place > 0.5
 
 

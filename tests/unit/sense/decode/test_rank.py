@@ -99,7 +99,7 @@ class World:
 
 def place_of(k: int, score: float) -> Place:
     arrays = {"cells": np.zeros((4, 2), dtype=np.int64), "shown": np.zeros((2, 2), dtype=np.uint8)}
-    numbers = {"score": score, "weight": -2.0, "tape": k, "turn": 0, "others": 0.0, "lead": 9.0, "most_said": 9.0}
+    numbers = {"score": score, "weight": -2.0, "tape": k, "turn": 0, "others": 0.0, "lead": 9.0, "most_evidence": 9.0}
     rest: dict[str, Any] = {"tables": (), "groups": (), "turn_weights": EVEN_TURNS, "weights": np.zeros((4, 2))}
     return Place(**numbers, **arrays, **rest)  # type: ignore[arg-type]
 

@@ -106,10 +106,10 @@ def test_what_is_no_frame_is_said_once_and_counted() -> None:
     found = answers(source_of(items), tally)
     assert len(found) == 20
     assert tally.troubles == {"frame unusable": 10, "frame with holes": 10, "noise": 10}
-    said = tally.unsaid()
+    said = tally.unreported()
     assert sorted(message.split(":")[0] for message in said) == ["frame unusable", "frame with holes", "noise"]
     assert any("frame 2: 7 of 76800 values are NaN or infinite" in message for message in said)
-    assert tally.unsaid() == []
+    assert tally.unreported() == []
     assert sorted(end_lines(tally)[-3:]) == ["frame unusable: 10 times", "frame with holes: 10 times", "noise: 10 times"]
 
 

@@ -323,9 +323,9 @@ def test_contacts_are_divided_among_the_sources(code: str, counts: tuple[int, in
 def test_what_is_not_located_is_excused_by_the_first_reason(
     error_free: bool, as_seen: bool, stricter: bool, placed: bool, outcome: int, drawn: Drawn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def seen(rule: int, *_: object, told_parts: bool) -> Any:
-        assert told_parts == (rule == 2)  # the stricter rule has one argument more
-        return fix(as_seen if told_parts else stricter)
+    def seen(rule: int, *_: object, known_parts: bool) -> Any:
+        assert known_parts == (rule == 2)  # the stricter rule has one argument more
+        return fix(as_seen if known_parts else stricter)
 
     monkeypatch.setattr("tactape_fab.verify.trip.limit.error_free", lambda *_: fix(error_free))
     monkeypatch.setattr("tactape_fab.verify.trip.limit.as_seen", seen)

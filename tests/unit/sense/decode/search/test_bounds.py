@@ -10,7 +10,7 @@ import pytest
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.search import bounds
 from tactape_fab.sense.decode.search.bounds import NEVER
-from tactape_fab.sense.decode.search.evidence import add_lines, say
+from tactape_fab.sense.decode.search.evidence import add_lines, fill_range
 from tactape_fab.sense.decode.search.plane_sites import Starts, _starts
 from tactape_fab.texture.code import CODES, get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -37,8 +37,8 @@ def bounds_one_by_one(out: Any, known: Any, lines: Any, dots: Any, steps: Any, p
 
 
 @kernel(fastmath=True)
-def most_said(out: Any, buffer: Any, said: Any, lines: Any, dots: Any, phases: Any, span: Any) -> None:
-    say(said, lines, dots, span[1])
+def most_evidence(out: Any, buffer: Any, said: Any, lines: Any, dots: Any, phases: Any, span: Any) -> None:
+    fill_range(said, lines, dots, span[1])
     for start in range(len(out)):
         out[start] = add_lines(buffer, said, span, phases, start - span[0], np.int64(0))
 
@@ -65,7 +65,7 @@ def test_lines_say_no_more_together_than_their_bound(length: int, span: tuple[in
     for dots in ((np.int64(0), np.int64(8)), (np.int64(2), np.int64(5))):
         bounds_at_once(at_once, known, lines, dots, steps, span, 0)
         buffer, each_line = np.empty(length, dtype=np.float32), np.zeros((count + 1, 2 * length), dtype=np.float32)
-        most_said(said, buffer, each_line, lines, dots, phases, span)
+        most_evidence(said, buffer, each_line, lines, dots, phases, span)
         bounds_one_by_one(alone, known, lines, dots, steps, np.arange(places) - first, span, -np.inf)
         assert (at_once[:places] >= said - ROUNDING).all() and (at_once[places:] == np.float32(NEVER)).all()
         assert np.allclose(alone, at_once[:places], atol=ROUNDING)

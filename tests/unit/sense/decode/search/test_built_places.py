@@ -16,7 +16,16 @@ from tactape_fab.sense import Frame, Parts, Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.fit import fit_grid
 from tactape_fab.sense.decode.search import built_places
-from tactape_fab.sense.decode.search.built_places import Built, _Evidence, _fitted, _Places, _said, _weighed, as_built, built_of
+from tactape_fab.sense.decode.search.built_places import (
+    Built,
+    _design_odds,
+    _Evidence,
+    _fitted,
+    _Places,
+    _weighed,
+    as_built,
+    built_of,
+)
 from tactape_fab.sense.decode.search.hypotheses import distinct
 from tactape_fab.sense.decode.search.search import Place
 from tactape_fab.sense.decode.settings import Method
@@ -172,7 +181,7 @@ def test_measured_places_are_rivals_of_a_place_by_the_design(monkeypatch: pytest
     cells, some = np.stack([fit.nodes, fit.nodes + 3]), _measured_as_designed(tape_7())
     place = Place(
         score=20.0, weight=-9.0, tape=0, turn=1, cells=fit.nodes, shown=np.zeros((1, 1), dtype=np.uint8), others=1e-6, lead=15.0,
-        most_said=25.0, tables=(), groups=(), turn_weights=np.array([0.4, 0.1, 0.4, 0.1]), weights=np.zeros((4, 2)),
+        most_evidence=25.0, tables=(), groups=(), turn_weights=np.array([0.4, 0.1, 0.4, 0.1]), weights=np.zeros((4, 2)),
     )  # fmt: skip
     found = _Places(tape=np.array([0, 1]), turn=np.array([1, 2]), cells=cells, weight=np.array([-9.0, -8.0]), nominal=np.zeros(2))
     # symbols that could say more: other places are looked at
@@ -205,7 +214,7 @@ def test_the_mean_evidence_over_all_symbols_is_at_most_1() -> None:
     dots = _some_dots(rng, 4, 0.05)
     fit = fit_grid(dots.xy_px, dots.weights, dots.trust, 0.0, 24.0, 0.0, 0.0, 1.0 / 6.0, True)
     built, _ = measured(tape_7(), 0.1)
-    said = _said(fit, dots)
+    said = _design_odds(fit, dots)
     cells = fit.nodes - fit.nodes.min(axis=0) + 5
     for turn in range(4):
         place = _Places(
