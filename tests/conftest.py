@@ -69,6 +69,7 @@ def pytest_configure(config: pytest.Config) -> None:
     container's) says not to.
     """
     config.addinivalue_line("markers", "costly: of which a run at a desk tries one case")
+    config.addinivalue_line("markers", "slow: which a run of whole folders at a desk leaves out")
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -128,8 +129,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     if not _all_cases(config):
-        said = f"at most {AT_DESK} cases of each test were tried, none of tests/bench: all are where a file is named, or"
-        terminalreporter.write_line(f"{said} TACTAPE_THOROUGH=1 is set")
+        left_out = f"at most {AT_DESK} cases of each test were tried, and no slow test nor one of tests/bench"
+        terminalreporter.write_line(f"{left_out}: all are where a file is named, or TACTAPE_THOROUGH=1 is set")
 
 
 @pytest.hookimpl(wrapper=True)

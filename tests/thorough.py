@@ -22,6 +22,8 @@ AT_DESK = 2
 an outside reader the first."""
 costly = pytest.mark.costly
 """A test of which each case takes more than half a second."""
+slow = pytest.mark.slow
+"""A test of two seconds or so, whose subject quicker ones have too: a run of whole folders at a desk leaves it out."""
 _ONE_OF = ("tests/readers/", "tests/roundtrip/")
 
 
@@ -81,6 +83,8 @@ def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
         if not any(mark.args and mark.args[0] for mark in item.iter_markers("skipif")):
             cases[item.nodeid.partition("[")[0]].append(item)
     for test, found in cases.items():
+        if found[0].get_closest_marker("slow") is not None:
+            left |= set(found)
         one = test.startswith(_ONE_OF) or found[0].get_closest_marker("costly") is not None
         left |= set(found[1:] if one else found[1:-1])
     return [item for item in items if item not in left]

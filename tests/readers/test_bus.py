@@ -28,7 +28,7 @@ from tactape_fab.sense.live.topics import DEPTH_TOPIC, POSE_TOPIC, TEXT_TOPIC, T
 from tactape_fab.sense.live.zenoh_bus import ZenohBus, attachment, key_of
 from tests.conftest import _missing
 from tests.live import SENSOR, SHAPE, npy
-from tests.thorough import some
+from tests.thorough import slow, some
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -217,6 +217,7 @@ def test_it_is_as_short_as_it_is_said_to_be() -> None:
     assert sum(1 for line in lines if line.strip() and not line.startswith(("//", "#"))) <= 40
 
 
+@slow
 def test_cpp_reads_the_answers_of_a_thousand_frames(cpp_reader: Path, default_kit: Kit) -> None:
     """A stream of arrays into `watch --json`, its lines into the compiled reader: as a robot without Python would have it."""
     count, different = some(1000), 20

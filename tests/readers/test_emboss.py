@@ -14,6 +14,7 @@ from tactape_fab.make.emboss import Embossed, emboss_kit
 from tactape_fab.solids.surface.charts import Placement
 from tests.conftest import _missing
 from tests.surfaces import ball, box, kit_folder, planned, saddle, step_file
+from tests.thorough import slow
 
 
 @pytest.fixture(scope="session")
@@ -68,6 +69,7 @@ def freecad_reads(freecad: str, made: Embossed, folder: Path) -> list[str]:
     return found[1].split()
 
 
+@slow
 @pytest.mark.parametrize("surface", ["plane", "cylinder", "cone"])
 def test_freecad_and_slicer_take_embossed_steps(freecad: str, prusa_slicer: str, tmp_path: Path, surface: str) -> None:
     import build123d as bd

@@ -18,6 +18,7 @@ from tactape_fab.solids.elements import CHORD_ERROR_MM
 from tactape_fab.texture.tape import Tape
 from tests.readers.solids import ASSEMBLY_RGB, NAMES, Variant, read_with_occt, write_assembly
 from tests.solids import centre_mm, volume_mm3
+from tests.thorough import slow
 
 _READ_ASSEMBLY = """
 import json, sys
@@ -156,6 +157,7 @@ def test_occt_finds_the_two_products_coloured_and_exact(assembly: tuple[Tape, An
         assert product["colour"] == pytest.approx(linear, abs=1e-4)
 
 
+@slow
 def test_large_tapes_of_blocks_round_a_cylinder_have_their_volume(tmp_path: Path) -> None:
     """By the file's own precision OCCT finds 1.5e-7 more or less, and 1e-6 at 150 x 80 mm."""
     spec = TapeSpec(sector=7, part="block", size_mm=(40.0, 34.0), cylinder_mm=36.0, around="x", mark=False)

@@ -22,6 +22,7 @@ from tests.panels import TWO, panel_of
 from tests.readers.pictures import Picture, Reader
 from tests.readers.raster import Window, coverage, polygon_edges_mm
 from tests.roundtrip.kits import OpenKit, flashes, moved
+from tests.thorough import slow
 
 MARGIN_MM, PX_PER_MM = 0.5, 40
 PAD_MM, PAD_RADIUS_MM, PAD_OFFSET_MM = (0.46, 0.40), 0.10, 0.32
@@ -91,6 +92,7 @@ def test_readers_draw_the_copper_of_every_tape_and_the_fiducials(panel_2: PanelK
     assert reader.iou(picture, copper(panel_2)) >= reader.least_iou
 
 
+@slow
 @pytest.mark.parametrize("name", ["panel_packed", "coupon_panel"])
 def test_readers_draw_the_pads_of_tapes_that_differ(name: str, reader: Reader, request: pytest.FixtureRequest) -> None:
     """Every tape's own grid, turned where the tape lies turned; a mesh of copper only where tapes are anchored."""

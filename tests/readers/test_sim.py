@@ -20,6 +20,7 @@ from tactape_fab.sense.objects.tag_view import tag_side_mm
 from tactape_fab.texture.frames import FloatArray
 from tests.conftest import _missing
 from tests.surfaces import ball, emboss, kit_folder, planned
+from tests.thorough import slow
 
 WIDTH, HEIGHT, FOVY_DEG = 960, 720, 40.0
 
@@ -177,6 +178,7 @@ def test_the_tag_s_site_is_where_the_manifest_has_it(mujoco: Any, film: Kit) -> 
         assert data.site(name).xmat == pytest.approx(np.diag([1.0, -1.0, -1.0]).ravel(), abs=1e-9)
 
 
+@slow
 def test_what_is_drawn_is_a_film_with_dark_parts(mujoco: Any, film: Kit) -> None:
     at = np.array([0.016, 0.010, 0.045])
     _, picture = seen(mujoco, sim_file(film, ".xml"), at, look_at(at, at * (1, 1, 0), (0, 1, 0)))

@@ -26,7 +26,7 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
 from tests.calls import replaced
 from tests.roundtrip.kits import Files, contents
-from tests.thorough import only_thorough, some
+from tests.thorough import only_thorough, slow, some
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 KILLS = 24
@@ -218,6 +218,7 @@ def test_a_signal_between_two_calls_leaves_nothing_behind(
     assert contents(tmp_path / "tape") == whole[OLD if call == "mkdir" else NEW]
 
 
+@slow
 def test_two_runs_at_once_leave_one_whole_kit(tmp_path: Path, whole: dict[int, Files]) -> None:
     runs = [start_make(tmp_path) for _ in range(3)]
     statuses = sorted(run.wait() for run in runs)

@@ -24,7 +24,7 @@ from tactape_fab.make import many
 from tactape_fab.make.many import FailedKit, MadeKit
 from tests.commands import run
 from tests.roundtrip.kits import Files, contents
-from tests.thorough import thorough
+from tests.thorough import slow, thorough
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 SMALL = "--size 20x20 --no-3d"
@@ -207,6 +207,7 @@ def test_ctrl_c_leaves_whole_kits_and_no_process(kits: int, tmp_path: Path) -> N
     assert_whole_only(tmp_path / "kits", kits)
 
 
+@slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
 def test_a_polite_end_leaves_whole_kits_and_no_process(tmp_path: Path) -> None:
     status, stderr = stop_at_work(tmp_path, lambda pid: os.kill(pid, signal.SIGTERM), 2)
@@ -223,6 +224,7 @@ def test_processes_end_when_the_one_that_started_them_is_killed(tmp_path: Path) 
     assert_whole_only(tmp_path / "kits", 2)
 
 
+@slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
 def test_a_killed_process_costs_its_kit_a_second_try(tmp_path: Path) -> None:
     run = started(tmp_path, f"make --sectors 0-3 {SMALL} --no-verify -o kits --workers 1")

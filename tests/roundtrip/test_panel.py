@@ -32,7 +32,7 @@ from tactape_fab.verify import Verification
 from tactape_fab.verify.panel import verify_panel_folder
 from tests.panels import TWO, examined_panel, panel_of
 from tests.roundtrip.kits import OpenKit, exchanged, failed, flashes, map_points, moved, points, replaced, rows, text_of
-from tests.thorough import as_elsewhere
+from tests.thorough import as_elsewhere, slow
 
 Panels = Callable[[str], PanelKit]
 Edit = Callable[[OpenKit], object]
@@ -353,6 +353,7 @@ def test_a_panel_that_fails_its_verification_never_stands(tmp_path: Path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
+@slow
 def test_broken_rules_are_forced_aloud(tmp_path: Path) -> None:
     examined = examined_panel({**TWO, "pitch_mm": 1.3, "coverlay": "per-part"})
     with pytest.raises(DesignRuleError):
@@ -432,6 +433,7 @@ def test_what_is_wrong_on_a_packed_panel_is_named(name: str, panel_packed: Panel
     assert_named(PACKED_MUTATIONS[name], copied(panel_packed))
 
 
+@slow
 @pytest.mark.parametrize("name", ["panel_packed", "coupon_panel"])
 def test_panels_of_tapes_that_differ_verify(name: str, request: pytest.FixtureRequest) -> None:
     made: PanelKit = request.getfixturevalue(name)

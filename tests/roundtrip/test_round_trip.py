@@ -53,7 +53,7 @@ from tactape_fab.verify.trip.round_trip import (
 )
 from tactape_fab.verify.trip.visible_parts import ERROR_FREE, in_place, parts_shown
 from tests.roundtrip.kits import Edit, OpenKit, Point, failed, flashes, mirror, mirrored, moved
-from tests.thorough import thorough
+from tests.thorough import slow, thorough
 
 Copy = Callable[[Kit], Path]
 
@@ -425,6 +425,7 @@ def test_the_map_tells_where_contacts_are_located(flat_kit: Kit, few_places: Non
     assert 0.0 < small.share.mean() < large.share.mean()
 
 
+@slow
 def test_the_map_is_a_picture_beside_the_kit(flat_kit: Kit, tmp_path: Path, few_places: None) -> None:
     import cv2
 

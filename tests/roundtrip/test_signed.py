@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from tactape_fab.cli import main
 from tests.signing import write_keys
-from tests.thorough import as_elsewhere
+from tests.thorough import as_elsewhere, slow
 
 SMALL = ("make", "--sector", "9", "--size", "20x20", "--part", "block", "--tag", "none")
 
@@ -147,6 +147,7 @@ def test_a_key_that_cannot_check_is_refused(key: str, keys: Path, signed: Path) 
     assert said.stderr.startswith("error: --key = ") and len(said.stderr.splitlines()) == 1
 
 
+@slow
 def test_each_kit_of_a_panel_and_of_a_list_is_signed(keys: Path, tmp_path: Path) -> None:
     with as_elsewhere():  # other processes make some of them
         film = ("make", "--sectors", "7,8", "--size", "40x60", "--no-3d", "--no-verify", "--sign", keys / "shop.pem")

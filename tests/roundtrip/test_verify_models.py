@@ -26,7 +26,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed, replaced, text_of
 from tests.solids import DATE
-from tests.thorough import first, thorough
+from tests.thorough import first, slow, thorough
 
 Copy = Callable[[Kit], Path]
 
@@ -562,6 +562,7 @@ def last_moved(points: int, by_mm: float) -> Callable[[str], str]:
     return edit
 
 
+@slow
 @pytest.mark.parametrize(("name", "points"), [("block", 8), thorough("dome", 4)])
 def test_an_element_in_another_place_is_caught(
     name: str, points: int, textures: dict[str, Kit], copied: Copy, only_occt: None
@@ -731,6 +732,7 @@ def test_a_hostile_mesh_file_is_a_failed_line(role: str, data: bytes, film: Kit,
     assert "Traceback" not in result.output
 
 
+@slow
 def test_hostile_meshes_are_failed_lines_of_other_readers_too(film: Kit, copied: Copy) -> None:
     kit = OpenKit(copied(film))
     data = kit.data["stl"]

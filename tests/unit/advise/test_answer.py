@@ -36,7 +36,7 @@ from tactape_fab.sense.simulation.gel import press
 from tactape_fab.texture.code import ALL_CODE_NAMES, TOUCH_CODE
 from tests.bench import advise as bench
 from tests.commands import run
-from tests.thorough import only_thorough, thorough
+from tests.thorough import only_thorough, slow, thorough
 
 MINI = load_sensor("gelsight-mini")
 OLDER = replace(MINI, slope_noise=None)
@@ -317,6 +317,7 @@ def test_other_tapes_that_are_simulated_are_those_that_make_makes() -> None:
         np.testing.assert_array_equal(tape.symbols, made.symbols)
 
 
+@slow
 def test_simulate_holds_the_first_lines_against_contacts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tactape_fab.advise.answer.FRAMES", 12)
     monkeypatch.setattr("tactape_fab.advise.answer.SIMULATED_LINES", 1)

@@ -18,7 +18,7 @@ from tactape_fab.advise.map_picture import draw_map
 from tactape_fab.advise.model import CODES, LOSS, least_contact_mm
 from tactape_fab.advise.question import read_question
 from tactape_fab.cli import main
-from tests.thorough import only_thorough
+from tests.thorough import only_thorough, slow
 
 
 @pytest.fixture
@@ -63,6 +63,7 @@ def test_one_size_alone_is_drawn(least_mm: float | None) -> None:
     assert places == ([] if least_mm is None else ["200.0,250.0" if least_mm == 7.0 else "200.0,225.0"])
 
 
+@slow
 @pytest.mark.usefixtures("three_pitches")
 def test_the_picture_is_svg_and_json_has_its_points(tmp_path: Path) -> None:
     file = tmp_path / "map.svg"

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tactape_fab.base import jit
-from tests.thorough import costly
+from tests.thorough import costly, slow
 
 pytestmark = pytest.mark.skipif(not jit.KEPT, reason="nothing is compiled, or kept")
 
@@ -93,7 +93,7 @@ def calling(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@costly
+@slow
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
 @pytest.mark.parametrize("content", [b"", b"cut off", "class of another version"])
 def test_a_kept_kernel_that_cannot_be_read_is_compiled_anew(
@@ -127,7 +127,7 @@ def test_a_kernel_is_compiled_anew_where_what_it_calls_has_changed(
     assert added(program, kept) == f"{expected} 0\n" and added(program, kept) == f"{expected} 1\n"
 
 
-@costly
+@slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no limits of files")
 def test_code_of_an_older_version_under_a_newer_index_is_not_taken(tmp_path: Path) -> None:
     """A full disk keeps no kernel, and ends no start: numba writes the newer index first, for which there is room."""

@@ -15,7 +15,7 @@ import pytest
 
 import tactape_fab
 from tactape_fab.base.templates import profile_names, templates_folder
-from tests.thorough import only_thorough
+from tests.thorough import only_thorough, slow
 
 ROOT = Path(tactape_fab.__file__).resolve().parent.parent
 FOLDERS = ("tactape_fab", "templates", "tests", "docs")
@@ -112,6 +112,7 @@ def files_below(folder: Path) -> set[str]:
     return {p.relative_to(folder.parent).as_posix() for p in folder.rglob("*") if p.is_file() and p.parent.name != "__pycache__"}
 
 
+@slow
 def test_wheel_holds_the_package_and_its_templates_and_nothing_else(checkout: Path, tmp_path: Path) -> None:
     wheel = built(checkout, tmp_path / "dist")
     package, templates = files_below(checkout / "tactape_fab"), files_below(checkout / "templates")

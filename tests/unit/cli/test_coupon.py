@@ -8,12 +8,14 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from tactape_fab.cli import main
+from tests.thorough import slow
 
 
 def run(*words: str) -> Result:
     return CliRunner().invoke(main, ["coupon", *words, "--no-verify"], prog_name="tactape-fab")
 
 
+@slow
 def test_a_coupon_that_is_there_is_replaced_as_its_messages_say(here: Path) -> None:
     made = run("-o", "my coupon")
     assert made.exit_code == 0, made.output

@@ -24,7 +24,7 @@ from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.make.reproduce import reproduce_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, moved, points, stated
-from tests.thorough import costly
+from tests.thorough import costly, slow
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 Copy = Callable[[Kit | PanelKit], Path]
@@ -212,6 +212,7 @@ def test_the_date_is_the_kits_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert reproduce_kit(kit.path).passed
 
 
+@slow
 def test_a_panel_is_made_again_with_its_kits(panel_2: PanelKit, copied: Copy) -> None:
     folder = copied(panel_2)
     (line,) = reproduce_kit(folder).checks

@@ -11,7 +11,7 @@ from click.testing import Result
 from tactape_fab.kit.examine.together import sector_words
 from tactape_fab.texture.certify.kits import registry
 from tests.commands import run
-from tests.thorough import costly, only_thorough
+from tests.thorough import only_thorough, slow
 
 pytestmark = pytest.mark.usefixtures("here")
 BOTH = "tactape-s000 and tactape-s001: 1 pair of 4x4 windows read the same"
@@ -56,7 +56,7 @@ def test_a_tape_beside_others_is_compared_with_them() -> None:
     assert said(run("check --avoid tactape-s007 --size 30x20")) == ""
 
 
-@costly
+@slow
 @pytest.mark.parametrize("words", ["make --sectors 1-2 --no-verify -o kits", "check --sector 2 --avoid kits/tactape-s001"])
 def test_tags_of_one_given_id_have_none_given(words: str) -> None:
     small = "--tag-id 5 --size 24x20 --no-3d"

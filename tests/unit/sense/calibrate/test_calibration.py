@@ -16,7 +16,7 @@ from tactape_fab.sense.calibrate.posedness import share_of_perfect
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.bench import calibration
 from tests.tapes import tape_at
-from tests.thorough import costly, only_thorough, thorough
+from tests.thorough import costly, only_thorough, slow, thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, pressed, presses
 
 WRONG = replace(STOCK, px_per_mm=(19.5, 19.5), sign=-1, mirror=True)
@@ -273,6 +273,7 @@ def test_remarks_say_what_cannot_be_observed() -> None:
     assert any("all presses are turned alike" in r for r in calibrate_sensor(alike, [TAPE], TRUE).remarks)
 
 
+@slow
 def test_a_frame_that_is_there_twice_counts_once() -> None:
     frames = presses().frames
     found, once = (calibrate_sensor([*frames, *more], [TAPE], TRUE) for more in (frames[:4], ()))
@@ -288,6 +289,7 @@ def test_a_frame_that_is_there_twice_counts_once() -> None:
         calibrate_sensor([*frames[:3]] * 4, [TAPE], TRUE)
 
 
+@slow
 def test_a_bad_frame_among_good_ones_is_only_said() -> None:
     frames = [*presses().frames, np.full((240, 320), 1.0, dtype=np.float32)]
     found = calibrate_sensor(frames, [TAPE], TRUE)

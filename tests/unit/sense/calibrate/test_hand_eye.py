@@ -19,7 +19,7 @@ from tactape_fab.sense.calibrate.hand_eye import HandEye, _Joint, find_hand_eye,
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
-from tests.thorough import costly, only_thorough
+from tests.thorough import costly, only_thorough, slow
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
 
 ON_FLANGE = matrix_of(np.array([5.0, -3.0, 80.0, *Rotation.from_euler("xyz", [2, -3, 30], degrees=True).as_rotvec()]))
@@ -98,7 +98,7 @@ def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
     assert np.abs(off[:2, 3]).max() < 0.2
 
 
-@costly
+@slow
 @pytest.mark.parametrize("tilt_rad", [0.0, 0.0015])
 def test_tilts_that_are_the_arm_s_own_errors_do_not_tell_the_reach(tilt_rad: float) -> None:
     """They draw it to the flange, by all of its 80 mm or some of them, and leave nothing over."""

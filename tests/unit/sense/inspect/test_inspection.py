@@ -24,7 +24,7 @@ from tactape_fab.texture.manifest import read_any_manifest
 from tactape_fab.texture.panel_manifest import read_placed
 from tests import scans
 from tests.scans import Built, Picture, Scanner, assembled, scan
-from tests.thorough import costly, only_thorough
+from tests.thorough import costly, only_thorough, slow
 from tests.unit.sense.inspect.conftest import MISSING, SHIFTED, TOMBSTONED, TURNED, Scanned, write
 
 
@@ -194,6 +194,7 @@ def test_a_blurred_scan_says_how_far_parts_are_off_along_them(kit_40: Kit, tmp_p
     assert 0.5 < nees < 1.5
 
 
+@slow
 def test_a_tag_whose_ink_has_spread_leaves_the_parts_to_be_read_at_the_given_dpi(kit_40: Kit, tmp_path: Path) -> None:
     """Blurred ink makes the tag 3.6 mm wide, of 4: at its scale the parts are those of no tape."""
     tape = Tape.load(kit_40.path)
@@ -205,7 +206,7 @@ def test_a_tag_whose_ink_has_spread_leaves_the_parts_to_be_read_at_the_given_dpi
     assert one.scans[0].found_by == "code" and rms(errors_um(one, built)) < 6.0
 
 
-@costly
+@slow
 @pytest.mark.parametrize(("off_mm", "file"), [((0.06, -0.06), "scan.png"), ((0.0, 0.0), "scan.jpg")])
 def test_metal_beside_bodies_is_not_taken_for_them(off_mm: tuple[float, float], file: str, kit_40: Kit, tmp_path: Path) -> None:
     """Bodies that are all off across leave their lands bare on one side; colours of a JPEG are of half the size."""
@@ -227,6 +228,7 @@ def test_overlapping_images_are_one_inspection_the_second_found_by_its_code(scan
     np.testing.assert_array_equal(one.present, scanned.built.present)
 
 
+@slow
 def test_two_copies_of_a_tape_are_not_averaged(scanned: Scanned, tmp_path: Path) -> None:
     """In one scan or in two: places would be those of the first copy, or the mean of both, and exact."""
     other = scan(scanned.tape, assembled(scanned.tape, seed=8), Scanner(), seed=3)
@@ -347,6 +349,7 @@ def test_a_photograph_of_a_panel_is_inspected(panel_2: PanelKit, panel_scan: tup
         assert one.scans[0].growth is not None
 
 
+@slow
 def test_tapes_that_are_turned_on_a_panel_are_found_beside_others(panel_packed: PanelKit, tmp_path: Path) -> None:
     """Of five sizes, four of them turned by a quarter, and two of these without a tag: their places say where they are."""
     dpi, margin_mm = 600.0, 0.4
@@ -371,6 +374,7 @@ def test_tapes_that_are_turned_on_a_panel_are_found_beside_others(panel_packed: 
         assert rms(errors_um(one, built)) < 6.0
 
 
+@slow
 def test_a_panel_of_which_a_tape_is_not_scanned_is_refused(
     panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path
 ) -> None:

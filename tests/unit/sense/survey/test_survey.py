@@ -20,6 +20,7 @@ from tactape_fab.sense.survey.poses import RobotPose
 from tactape_fab.sense.survey.survey import Survey, _surveyed, survey_files
 from tactape_fab.texture.frames import FloatArray
 from tests.measured import measured
+from tests.thorough import slow
 
 PLACEMENT_MM = 0.05
 SCENE = Scene(contact_mm=(10.0, 10.0))
@@ -217,6 +218,7 @@ def test_frames_that_are_there_in_two_types_count_once(tmp_path: Path) -> None:
     assert surveyed(tmp_path, (*learn, *wide)).contacts == 40
 
 
+@slow
 def test_frames_that_are_located_at_last_do_not_count_the_others_twice(tmp_path: Path) -> None:
     """The places found by the first adjustment are where the second starts, not what is known before it."""
     truth, parts = measured(small_tape(), 0.1, error_mm=1e-9, seed=3)

@@ -29,7 +29,7 @@ from tactape_fab.solids.surface.place import lay_out
 from tactape_fab.texture.part import TapePart
 from tactape_fab.verify.models.embossed import check_embossed
 from tests.surfaces import ball, box, cylinder, emboss, kit_folder, mesh_of, planned, saddle
-from tests.thorough import only_thorough
+from tests.thorough import only_thorough, slow
 
 GRID_MM = np.stack(np.meshgrid(np.arange(-15.0, 16.0, 1.5), np.arange(-12.0, 13.0, 1.5)), axis=2).reshape(-1, 2)
 
@@ -345,6 +345,7 @@ def capsule() -> Any:
     return trimesh.creation.capsule(height=60.0, radius=15.0, count=[48, 48])
 
 
+@slow
 def test_a_place_that_distorts_is_not_chosen_where_another_is_good(tmp_path: Path) -> None:
     kit = kit_folder(tmp_path / "kit", planned((34.0, 22.0)))
     made = emboss(kit, capsule())
@@ -357,6 +358,7 @@ def test_a_place_that_distorts_is_not_chosen_where_another_is_good(tmp_path: Pat
     assert distortion_lines(made) == []
 
 
+@slow
 def test_a_part_that_distorts_everywhere_is_refused_with_a_place_that_can_be_taken(tmp_path: Path) -> None:
     kit = kit_folder(tmp_path / "kit", planned((34.0, 22.0)))
     with pytest.raises(SpecError, match=r"off by up to \d+% at the best of 7 places, more than 10%") as caught:

@@ -24,6 +24,7 @@ from tactape_fab.solids.surface.part_files import closed_mesh, read_surface_mesh
 from tactape_fab.texture.frames import FloatArray
 from tests.attacks import nested_tetrahedra, stl
 from tests.surfaces import ball, box, cylinder, emboss, kit_folder, mesh_of, planned, saddle, stl_of
+from tests.thorough import slow
 
 
 @pytest.fixture(scope="module")
@@ -212,6 +213,7 @@ def test_a_hollow_and_a_body_beside_or_in_the_hollow_are_no_fault(kit: Path) -> 
     assert emboss(kit, hollow).surface["source_volume_mm3"] == pytest.approx(4400.0)
 
 
+@slow
 def test_thousands_of_shells_are_looked_at_in_seconds() -> None:
     small = [box(1.0, 1.0, 1.0).apply_translation((2.0 * i, 2.0 * k, 0.0)) for i in range(60) for k in range(50)]
     model = trimesh.util.concatenate([*small, box(500.0, 500.0, 20.0)])

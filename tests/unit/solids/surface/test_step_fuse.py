@@ -15,7 +15,7 @@ from tactape_fab.solids.surface.place import lay_out
 from tactape_fab.solids.surface.standing import standing_mm3
 from tactape_fab.texture.part import TapePart
 from tests.surfaces import planned, step_file
-from tests.thorough import costly
+from tests.thorough import slow
 
 HEIGHT_MM = 60.0
 
@@ -27,7 +27,7 @@ def volume_mm3(solid: Any) -> float:
     return float(properties.Mass())
 
 
-@costly
+@slow
 @pytest.mark.parametrize(
     ("top_mm", "half_angle_deg", "radius_mm"),
     [(None, -1.4, 15.0), (None, -2.0, 15.0), (0.4, 1.5, 15.0), (None, 1.2, 25.0)],

@@ -22,6 +22,7 @@ from tactape_fab.texture.frames import LETTERS, TURNED, SymbolArray
 from tactape_fab.texture.touch.design import design
 from tactape_fab.texture.touch.designed import symbols_sha256
 from tactape_fab.texture.touch.patches import PATCHES, patch_distances
+from tests.thorough import slow
 
 SMALL = TapeSpec(sector=7, code=TOUCH_CODE, size_mm=(30.0, 20.0), models=False)
 STEPS = {"N": (0, -1), "W": (-1, 0), "E": (1, 0), "S": (0, 1)}
@@ -80,6 +81,7 @@ def test_patches_with_holes_do_not_count() -> None:
     assert patch_distances(symbols, placed)[4].bits is None and patch_distances(symbols, placed)[0].bits == 0
 
 
+@slow
 def test_the_usual_tape_reaches_its_levels_and_is_the_same_everywhere() -> None:
     symbols = design(7, (32, 62))
     assert [d.bits for d in patch_distances(symbols, np.ones((32, 62), dtype=bool))] == [2, 3, 5, 8, 11]
