@@ -16,7 +16,7 @@ from tests.fuzz.cases import Fault, install_watch, run_case
 from tests.fuzz.entries import Entry, Read, all_entries
 from tests.fuzz.mutate import mutated
 from tests.fuzz.seeds import make_seeds
-from tests.thorough import THOROUGH
+from tests.thorough import THOROUGH, slow
 
 SPENT_S = 0.3 if THOROUGH else 0.15
 """Processor time for each entry point."""
@@ -109,6 +109,7 @@ def _fails(_: bytes, __: Path) -> None:
     raise KeyError("sector")
 
 
+@slow
 @pytest.mark.parametrize(
     ("read", "kind"),
     [

@@ -14,6 +14,7 @@ import shapely
 from tactape_fab.solids.forms import SolidForm
 from tests.readers.solids import NAMES, Variant, slicer_info, written
 from tests.solids import BLOCK, DOME, tape_of
+from tests.thorough import slow
 
 DISPLAY_MM, DISPLAY_PX = (120.0, 68.0), (2560, 1440)
 LAYER_MM = 0.05
@@ -69,6 +70,7 @@ def test_a_texture_of_20_x_20_mm_slices_for_a_resin_printer(prusa_slicer: str, t
     assert min(worst) < pixel_mm.max()
 
 
+@slow
 def test_a_dome_slices_with_supports_as_they_are_by_default(prusa_slicer: str, tmp_path: Path) -> None:
     variant = written(tape_of(DOME, 4, 4), SolidForm(), tmp_path / "tape")
     command = f"--export-sla --printer-technology SLA --layer-height {LAYER_MM} --output t.sl1 {variant.path('stl')}"

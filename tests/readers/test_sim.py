@@ -149,6 +149,7 @@ def pose_of_tag(gray: np.ndarray, side_m: float) -> tuple[int, FloatArray, Float
     return int(np.ravel(number)[0]), cv2.Rodrigues(turn)[0], place.ravel()
 
 
+@slow
 @pytest.mark.parametrize(("place", "up"), CAMERAS)
 def test_a_camera_in_mujoco_finds_the_tag_where_it_is(mujoco: Any, film: Kit, place: Any, up: Any) -> None:
     tag = film.tape.tag

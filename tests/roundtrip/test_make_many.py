@@ -83,6 +83,7 @@ def test_a_file_of_tapes_as_json(here: Path) -> None:
     assert all(v >= 7.0 for tape in panel["tapes"] for v in tape["offset_mm"])
 
 
+@slow
 def test_kits_join_a_folder_and_replace_only_when_asked(here: Path) -> None:
     assert run(f"make --sectors 1 {SMALL} -o lab --no-verify").exit_code == 0
     (here / "lab" / "note.txt").write_text("mine")

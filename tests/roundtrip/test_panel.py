@@ -333,6 +333,7 @@ def test_an_unlisted_file_is_a_warning(panel_2: PanelKit, copied: Callable[[Pane
 # Its place
 
 
+@slow
 def test_overwrite_replaces_a_panel_that_is_wholly_ours(panel_2: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
     folder = copied(panel_2)
     with pytest.raises(SpecError, match="exists already; use --overwrite"):

@@ -149,6 +149,7 @@ def test_a_solid_of_another_sector_is_named(tmp_path: Path) -> None:
     assert list(said) == ["STL"] and "its parts are those of sector 4, not 3" in said["STL"]
 
 
+@slow
 def test_every_way_to_be_misplaced_is_put_into_words(default_kit: Kit) -> None:
     tape, at = default_kit.tape, default_kit.tape.part_xy_mm()
     height = tape.board.size_mm[1]

@@ -201,6 +201,7 @@ def test_dots_of_eight_directions_say_in_the_model_what_they_say_to_the_decoder(
     np.testing.assert_allclose(said, tables.evidence[0, :, 0] + (tables.evidence[0, :, 1:] * bits).sum(axis=1), rtol=1e-9)
 
 
+@slow
 def test_a_line_of_eight_directions_has_the_command_that_makes_it() -> None:
     lines = asked("--contact 3.9 --process sla")["lines"]
     eight = next(line for line in lines if line["directions"] == 8)
@@ -402,12 +403,14 @@ def test_a_size_of_no_tape_has_a_remedy_that_advise_takes(size: str, remedy: str
     assert refused.exit_code == 2 and refused.stderr.endswith(f"; {remedy}\n")
 
 
+@slow
 def test_large_printed_tapes_are_advised_in_four_directions() -> None:
     """No code of eight has as many points."""
     found = advise(read_question({"contact_mm": 6, "process": "sla", "size_mm": [400, 250]}))
     assert {line.design.directions for line in found.lines} == {4}
 
 
+@slow
 def test_a_profile_that_asks_for_a_wide_edge_has_designs(tmp_path: Path) -> None:
     limit = 'body-edge = { value_mm = 5.0, source = "V-cut", date = "2026-01-01", confirmed = false }'
     (tmp_path / "vcut.toml").write_text(f'name = "vcut"\nextends = "generic-fpc"\n[limits]\n{limit}\n')

@@ -10,7 +10,7 @@ from tactape_fab.advise.order import DEFAULT_CONTACT_MM, choose_order
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.order import examine_order
 from tactape_fab.kit.examine.tape import Examined
-from tests.thorough import costly
+from tests.thorough import costly, slow
 
 HOLDS = ("mesh", "spur", "none", "gang")
 
@@ -38,6 +38,7 @@ def test_the_commonest_house_gets_a_tape_that_holds_its_pads() -> None:
     assert any("holding the pads costs" in remark and "one opening for all parts" in remark for remark in chosen.remarks)
 
 
+@slow
 def test_a_smaller_contact_costs_the_hold_of_the_pads() -> None:
     """The smaller the contact, the worse the pads are held, down to where no tape of the house does."""
     found = [choose_order({"sector": 7}, "jlcpcb", side_mm) for side_mm in (12, 9.5, 7, 3)]

@@ -17,6 +17,7 @@ from tactape_fab import Kit, Tape
 from tactape_fab.cli import main
 from tactape_fab.texture.as_built import AsBuilt
 from tests.scans import Scanner, assembled, scan
+from tests.thorough import slow
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +117,7 @@ def test_an_older_inspection_is_replaced(flat_kit: Kit, scans: dict[str, Path], 
     assert AsBuilt.load(tmp_path / "a.json").missing == 0
 
 
+@slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_an_answer_that_cannot_be_printed_is_said_in_one_line(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
     words = ["inspect", str(scans["good"]), "--tape", str(flat_kit.path), "-o", "a.json"]

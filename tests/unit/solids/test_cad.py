@@ -13,8 +13,10 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.cad import assembly, texture_part
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tests.solids import BLOCK, CONE, DOME, tape_of, volume_mm3
+from tests.thorough import costly
 
 
+@costly
 @pytest.mark.parametrize(
     ("part", "form"),
     [

@@ -9,6 +9,7 @@ import pytest
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.coupon import examine_coupon
+from tests.thorough import slow
 
 
 def profile(folder: Path, name: str, largest_mm: float = 250.0) -> str:
@@ -19,6 +20,7 @@ def profile(folder: Path, name: str, largest_mm: float = 250.0) -> str:
     return str(place)
 
 
+@slow
 def test_tapes_without_room_on_the_largest_panel_are_named(tmp_path: Path) -> None:
     made = examine_coupon(profile(tmp_path, "small", 80.0))
     assert len(made.tapes) == len(made.trials) == 4

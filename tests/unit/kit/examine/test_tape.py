@@ -20,7 +20,7 @@ from tactape_fab.kit.examine.order import examine_order
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.texture.touch import designed
-from tests.thorough import some
+from tests.thorough import slow, some
 
 FITTING: dict[str, Any] = {"sector": 7, "size_mm": [100.0, 80.0], "models": False}
 """A tape that fits on a panel of its own."""
@@ -240,6 +240,7 @@ def test_a_tape_that_shows_a_part_of_its_sector_s_default_tape_is_told(origin: t
     assert len(found) == said and all("--origin best" in f.message for f in found)
 
 
+@slow
 def test_an_origin_that_was_searched_for_is_not_told_to_be_searched_for() -> None:
     found = examine(TapeSpec(sector=3, origin="best", size_mm=(700.0, 700.0), models=False)).findings
     assert [f.message.rpartition("; ")[2] for f in found if f.rule == "origin"] == ["use a smaller --size"]

@@ -138,6 +138,7 @@ def test_areas_are_simple_polygons(light: bool) -> None:
 
 
 @BOTH
+@costly
 def test_areas_unite_to_the_cells_less_their_chamfers(light: bool) -> None:
     for tag_id in IDS:
         inked = inked_cells(tag_id, light=light)

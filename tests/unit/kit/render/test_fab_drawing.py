@@ -21,6 +21,7 @@ from tactape_fab.kit.panel.packing import pack_panels
 from tactape_fab.kit.render.fab_drawing import A4_MM, PREVIEW_POINTS, render_fab_drawing
 from tactape_fab.kit.render.pdf_sheet import Sheet, View, written
 from tactape_fab.kit.writer import render_all
+from tests.thorough import slow
 
 POINTS_PER_MM = 72 / 25.4
 
@@ -154,6 +155,7 @@ def test_it_is_vector_alone() -> None:
     assert not list(page.images)
 
 
+@slow
 def test_the_bytes_are_the_same_in_another_process() -> None:
     code = f"from {__name__} import drawn; import hashlib; print(hashlib.sha256(drawn()).hexdigest())"
     digests = {

@@ -158,6 +158,7 @@ def test_the_gel_s_crown_turns_with_the_image(rotate90: int, crown_mm: tuple[flo
     assert (found.rotate90, found.gel.crown_mm, found.gel.poisson) == (rotate90, crown_mm, STOCK.gel.poisson)
 
 
+@slow
 def test_what_a_profile_s_mask_hides_stays_hidden() -> None:
     """Markers printed on the gel: their depths change from frame to frame, and look like dots."""
     v, u = np.mgrid[:240, :320]

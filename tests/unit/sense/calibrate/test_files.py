@@ -17,7 +17,7 @@ from tactape_fab.sense import Calibration, calibrate_sensor, load_sensor
 from tactape_fab.sense.calibrate.files import MARK, checked_output, write_profile
 from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals, write_pictures
 from tactape_fab.sense.calibrate.posedness import empty_corners
-from tests.thorough import costly
+from tests.thorough import costly, slow
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
 
 
@@ -30,6 +30,7 @@ def blind_left() -> Calibration:
     return calibrate_sensor(frames, [TAPE], STOCK, name="mine")
 
 
+@slow
 def test_the_profile_is_read_back_as_it_was_found(tmp_path: Path) -> None:
     found = blind_left()
     files = write_profile(tmp_path / "mine.toml", found)

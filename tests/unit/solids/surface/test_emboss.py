@@ -228,6 +228,7 @@ def test_folder_is_complete_and_the_manifest_loads(kit: Path, tape: Tape) -> Non
     assert rows[1].startswith("R1,0,0,")
 
 
+@slow
 def test_same_input_gives_the_same_bytes(kit: Path) -> None:
     first = emboss(kit, saddle(), output=kit.parent / "a")
     second = emboss(kit, None, output=kit.parent / "b")

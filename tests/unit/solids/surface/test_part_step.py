@@ -28,7 +28,7 @@ from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import OpenKit, failed
 from tests.roundtrip.test_verify_robust import DAMAGES
 from tests.surfaces import kit_folder, planned, step_file
-from tests.thorough import costly, some
+from tests.thorough import costly, slow, some
 
 
 class _Kernel:
@@ -289,6 +289,7 @@ def test_step_in_metres_is_read_in_mm(kit: Path) -> None:
     assert read_back(made).volume == pytest.approx(4500 + made.tape.part_count * BLOCK_MM3, rel=1e-9)
 
 
+@slow
 @pytest.mark.parametrize("seed", range(some(4)))
 def test_a_mutated_step_file_is_answered_from_its_own_process(seed: int, kit: Path) -> None:
     """OCCT crashes on some of these: in a process of its own."""
