@@ -1,6 +1,6 @@
 """Assembly houses: columns of their bills of materials (BOM), and formats of their part numbers.
 
-Their pick-and-place lists are described in `texture.cpl`, as the robot's half reads them as well.
+Their names and pick-and-place lists are in `texture.cpl`, as the robot's half reads the lists as well.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ class AssemblyFormat:
     number_words: str = PART_NUMBER_REMEDY
 
 
-_GENERIC_BOM = BomTable(
-    columns=(
-        ("Designator", "designator"),
-        ("Quantity", "quantity"),
-        ("Value", "value"),
-        ("Footprint", "footprint"),
-        ("Description", "description"),
-        ("Part Number", "part_number"),
+_GENERIC = AssemblyFormat(
+    bom=BomTable(
+        columns=(
+            ("Designator", "designator"),
+            ("Quantity", "quantity"),
+            ("Value", "value"),
+            ("Footprint", "footprint"),
+            ("Description", "description"),
+            ("Part Number", "part_number"),
+        )
     )
 )
-
-FORMATS: Mapping[str, AssemblyFormat] = {
-    "generic": AssemblyFormat(bom=_GENERIC_BOM),
+_OWN: Mapping[str, AssemblyFormat] = {
     # JLCPCB help page "advice for BOM and CPL files" (2026-01-19); KiKit writes the same.
     "jlcpcb": AssemblyFormat(
         bom=BomTable(
@@ -92,9 +92,8 @@ FORMATS: Mapping[str, AssemblyFormat] = {
             )
         ),
     ),
-    "macrofab": AssemblyFormat(bom=_GENERIC_BOM),
-    "kicad": AssemblyFormat(bom=_GENERIC_BOM),
 }
+FORMATS: Mapping[str, AssemblyFormat] = {name: _OWN.get(name, _GENERIC) for name in ASSEMBLY_FORMATS}
 
 
 def part_number_problem(number: str, format_name: str) -> str | None:
