@@ -9,6 +9,7 @@ from typing import Any
 from tactape_fab.advise.designs import FILM
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, unknown_key
+from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.profiles import FabProfile, ProcessProfile, load_fab, load_process
 from tactape_fab.kit.spec.grid_options import DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_FAB
@@ -17,7 +18,6 @@ from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.scene import Scene
 
 DEFAULT_SENSOR = "gelsight-mini"
-PROCESSES = (FILM, "sla", "fdm", "cnc")
 KEYS = ("contact_mm", "sensor", "process", "fab", "blur_mm", "placement_mm", "tapes", "size_mm")
 MOST_CONTACT_MM, MOST_BLUR_MM, MOST_PLACEMENT_MM, MOST_TAPES = 100.0, 0.5, 0.2, 1000
 _DEFAULTS = {"blur_mm": Scene().elastomer_mm, "placement_mm": Scene().placement_mm, "tapes": 1, "process": FILM}
@@ -62,10 +62,11 @@ def read_question(values: Mapping[str, Any]) -> Question:
     blur_mm = table.number("blur_mm", low=0.0, high=MOST_BLUR_MM)
     placement_mm = table.number("placement_mm", low=0.0, high=MOST_PLACEMENT_MM)
     tapes = table.integer("tapes", low=1, high=MOST_TAPES)
-    process = table.text("process", choices=PROCESSES)
+    processes = (FILM, *profile_names("processes"))
+    process = table.text("process", choices=processes)
     outline: Any = values.get("size_mm", DEFAULT_SIZE_MM)  # checked as in `make`
     size_mm = tried(lambda: TapeSpec(sector=0, size_mm=outline).size_mm, problems)
-    known = process in PROCESSES  # otherwise it is already refused
+    known = process in processes  # otherwise it is already refused
     if known and process != FILM and "fab" in values:
         message = (
             f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"

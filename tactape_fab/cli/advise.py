@@ -27,7 +27,7 @@ _HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "erro
 @click.command()
 @click.option("--contact", metavar="MM", help="Diameter of the smallest contact that is to be located. Required.")
 @click.option("--sensor", metavar="NAME", help=SENSOR_HELP)
-@click.option("--process", metavar="fpc|sla|fdm|cnc", help="How it is made: ordered, printed or milled.  [default: fpc]")
+@click.option("--process", metavar="fpc|PROFILE", help="How it is made: fpc, or a process profile such as sla.  [default: fpc]")
 @click.option("--fab", metavar="PROFILE", help="With fpc: fab profile, or a .toml file.  [default: generic-fpc]")
 @click.option("--blur", metavar="MM", help="Standard deviation of what the gel smooths.  [default: 0.15]")
 @click.option("--placement", metavar="MM", help="Standard deviation of the parts' places along each axis.  [default: 0]")

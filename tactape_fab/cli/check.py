@@ -80,8 +80,8 @@ TAPE_OPTIONS = (
         "--process",
         "process",
         str,
-        "sla|fdm|cnc",
-        "How the models are made, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
+        "PROFILE",
+        "Process profile, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
     ),
     _TapeOption(
         "--assembly",

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+from tactape_fab.base.errors import tried
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.kit.profiles import LARGEST_BODY_MM, LEAST_BODY_MM, ElementProfile, PartProfile, element_problem
+from tactape_fab.kit.profiles import LARGEST_BODY_MM, LEAST_BODY_MM, ElementProfile, PartProfile, element_problem, load_process
 from tactape_fab.solids.forms import AXES, DEFAULT_BASE_MM, SHELLS, TOPS
 from tactape_fab.texture.frames import snap_mm
 
 LEAST_BASE_MM, MOST_BASE_MM = 0.2, 50.0
 MOST_CYLINDER_MM = 100_000.0
-DEFAULT_PROCESS, MILLED = "sla", "cnc"
+DEFAULT_PROCESS = "sla"
 OPTIONS = {
     "fab": "--fab",
     "assembly": "--assembly",
@@ -72,8 +73,13 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
 
 
 def _mark(table: Fields) -> bool:
-    """Whether the back has a mark; by default not if it is milled, as a mill cannot make inner corners sharp."""
-    return table.flag("mark") if "mark" in table.values else table.values.get("process") != MILLED
+    """Whether the back has a mark; by default as the process profile says."""
+    if "mark" in table.values:
+        return table.flag("mark")
+    name = table.values.get("process", DEFAULT_PROCESS)
+    # a profile that cannot be read is reported when the tape is examined
+    process = tried(lambda: load_process(name), []) if isinstance(name, str) else None
+    return process is None or process.mark
 
 
 def _given(table: Fields, keys: tuple[str, ...]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import shutil
 import subprocess
@@ -41,6 +42,7 @@ def words(line: str) -> list[str]:
         ("profiles jl", [name for name in profile_names("fabs") if name.startswith("jl")]),
         ("make --part ", profile_names("parts")),
         ("check --process ", profile_names("processes")),
+        ("advise --process ", ["fpc", *profile_names("processes")]),
         ("make --assembly ", list(ASSEMBLY_FORMATS)),
         ("make --code ", list(ALL_CODE_NAMES)),
         ("certify --code ", list(CODE_NAMES)),
@@ -80,6 +82,12 @@ def test_every_name_is_that_of_a_parameter() -> None:
 def test_texts_stay_as_they_are() -> None:
     types = {type(p.type) for name in COMMANDS for p in command(name).params}
     assert all(issubclass(kind, click.types.StringParamType | click.types.BoolParamType | click.Choice) for kind in types)
+
+
+@pytest.mark.parametrize(("key", "names"), [("code", ALL_CODE_NAMES), ("assembly", ASSEMBLY_FORMATS)])
+def test_help_lists_every_name(key: str, names: tuple[str, ...]) -> None:
+    (text,) = (p.help for p in command("check").params if isinstance(p, click.Option) and p.name == key)
+    assert text is not None and set(names) <= set(re.findall(r"[\w-]+", text))
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -123,6 +123,14 @@ def test_a_spec_s_mapping_gives_the_same_spec(values: dict[str, Any]) -> None:
     assert TapeSpec.from_mapping(json.loads(json.dumps(spec.to_mapping()))) == spec
 
 
+def test_a_process_of_ones_own_says_whether_it_makes_the_mark(tmp_path: Path) -> None:
+    mill = tmp_path / "mill.toml"
+    mill.write_bytes((templates_folder() / "processes" / "cnc.toml").read_bytes())
+    assert spec_of(part="block", process=str(mill)).mark is False
+    mill.write_text(mill.read_text(encoding="utf-8").replace("mark = false", ""), encoding="utf-8")
+    assert spec_of(part="block", process=str(mill)).mark is spec_of(part="block", process="none.toml").mark is True
+
+
 def test_every_option_may_stand_in_a_spec_file(tmp_path: Path) -> None:
     (tmp_path / "lab.toml").write_text(
         (templates_folder() / "processes" / "sla.toml").read_text(encoding="utf-8").replace('"sla"', '"our-lab"')
