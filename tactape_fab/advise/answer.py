@@ -201,8 +201,8 @@ def codes_for(design: Design, question: Question, seen: Seen) -> list[Code]:
     return [
         code
         for code in CODES
-        if seen.directions in get_code(code.name).directions
-        and (code is CODES[0] or (seen.points <= code.most_points and longest <= get_code(code.name).range))
+        if seen.directions in (of := get_code(code.name)).directions
+        and (code is CODES[0] or (seen.points <= of.most_points and longest <= of.range))
     ]
 
 

@@ -32,7 +32,6 @@ from tactape_fab.sense.decode.rule import (
 )
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.simulation.scene import Scene
-from tactape_fab.texture.code import get_code
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.part import is_long
@@ -57,7 +56,7 @@ _SEED = 11
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Code:
-    """A code: similarity of its places, and largest number of points of a tape.
+    """A code, and how similar its places are.
 
     A place of the same code may have all bits of one axis in common with the answer, so that only the other axis distinguishes
     them. `axis` is ln of the effective number of such places; -inf for a code whose places share nothing.
@@ -65,15 +64,13 @@ class Code:
 
     name: str
     axis: float
-    most_points: float = inf
 
 
 CODES = (
     Code(name="microdots-4x4", axis=0.0),
     Code(name="debruijn-4x4", axis=1.5),
     Code(name="anoto-6x6", axis=0.7),
-    Code(name="trace-22", axis=-inf, most_points=get_code("trace-22").most_points),
-    *(Code(name=name, axis=-inf, most_points=get_code(name).most_points) for name in ("touch-1", "touch-2")),
+    *(Code(name=name, axis=-inf) for name in ("trace-22", "touch-1", "touch-2")),
 )
 """The codes that are proposed; the first that locates the contact is used. `axis` is from error-free contacts of 11 to 25
 dots."""

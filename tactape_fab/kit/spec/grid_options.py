@@ -29,15 +29,12 @@ def read_grid_options(table: Fields) -> dict[str, Any]:
     table: All values given; problems are collected in it.
     """
     code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
+    most = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
     if table.refused("code"):  # the others are checked against the code with most sectors
-        code = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
-    sector = table.integer(
-        "sector",
-        low=0,
-        high=code.sectors - 1,
-        remedy=f"code '{code.name}' has {code.sectors} sectors; "
-        + ("'anoto-6x6' has 3969" if code.sectors < 3969 else "take one of them"),
-    )
+        code = most
+    other = f"'{most.name}' has {most.sectors}" if code.sectors < most.sectors else "take one of them"
+    remedy = f"code '{code.name}' has {code.sectors} sectors; {other}"
+    sector = table.integer("sector", low=0, high=code.sectors - 1, remedy=remedy)
     pitch_mm = _pitch(table)
     return {
         "code": code.name,
