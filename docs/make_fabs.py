@@ -40,10 +40,9 @@ def profile_table() -> str:
         spur, mesh = anchor_modes(fab, layout.outlines, part.pads, layout.tape)
         bridge = fab.limits["opening-bridge"].value_mm
         taken = first_legal(modes, fab)
-        rows.append(
-            f"| `{name}` | {first.name}, {bridge:.2f} mm | {first.least_pitch_mm:.3f} mm | {taken} | "
-            f"{spur.least_pitch_mm:.3f} mm | {mesh.least_pitch_mm:.3f} mm |"
-        )
+        # a fab of `gang` alone leaves no film that would hold an anchor
+        least = ["none" if m.least_pitch_mm is None else f"{m.least_pitch_mm:.3f} mm" for m in (first, spur, mesh)]
+        rows.append(f"| `{name}` | {first.name}, {bridge:.2f} mm | {least[0]} | {taken} | {least[1]} | {least[2]} |")
     return "\n".join([*rows, ""])
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from tactape_fab import Kit
 from tactape_fab.cli import command
-from tactape_fab.kit.profiles import BACKING_ROLES
+from tactape_fab.kit.profiles import BACKING_ROLES, LIMIT_IDS, PROCESS_LIMIT_IDS
 from tactape_fab.kit.profiles.assembly import FORMATS
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec.tape_spec import KEYS
@@ -69,9 +69,9 @@ def test_reference_names_every_option(name: str) -> None:
                 assert f"`{option}" in reference or f"[{option}]" in reference, option
 
 
-def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
+def test_reference_names_every_key_role_and_rule(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES)]:
+    for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES), *LIMIT_IDS, *PROCESS_LIMIT_IDS]:
         assert f"`{name}`" in reference, name
 
 

@@ -125,8 +125,8 @@ OPTIONS = [
     Case("make --sector 7 --tag-cell 0.1", USAGE, "0.1 mm", "below 0.3 mm", REMEDY),
     Case("make --sector 7 --tag-cell 6", USAGE, "6 mm", "exceeds 5 mm", REMEDY),
     # part, holes, corners, rotation, name
-    Case("make --sector 7 --part r9999", USAGE, "'r9999'", "none of: block, c0201, cone, dome", "path of a .toml file"),
-    Case("make --sector 7 --fab acme", USAGE, "'acme'", "none of: generic-fpc", "path of a .toml file"),
+    Case("make --sector 7 --part r9999", USAGE, "'r9999'", "none of: block, ", "path of a .toml file"),
+    Case("make --sector 7 --fab acme", USAGE, "'acme'", "generic-fpc, generic-fr4", "path of a .toml file"),
     Case("make --sector 7 --fab ../fabs/generic-fpc", USAGE, "'../fabs/generic-fpc'", "none of", "path of a .toml file"),
     Case("make --sector 7 --code qr", USAGE, "'qr'", "none of", "microdots-4x4, debruijn-4x4, anoto-6x6"),
     Case("make --sector 7 --assembly acme", USAGE, "'acme'", "none of", "generic, jlcpcb"),
@@ -250,7 +250,7 @@ OPTIONS = [
         "use --hole 50,1.1,1 in its place",
     ),
     # process and base
-    Case("make --sector 7 --process laser", USAGE, "'laser'", "none of: cnc, fdm, sla", "path of a .toml file"),
+    Case("make --sector 7 --process laser", USAGE, "'laser'", "none of: cnc, ", "path of a .toml file"),
     Case("make --sector 7 --process nowhere.toml", USAGE, "nowhere.toml", "No such file", REMEDY),
     Case("make --sector 7 --process sla --no-3d", USAGE, "--process = 'sla'", "contradicts --no-3d", "give one of them"),
     Case("make --sector 7 --base 0.1", USAGE, "0.1 mm", "below 0.2 mm", "--base is the thickness"),

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from tactape_fab import Kit
+from tactape_fab.base.templates import profile_names
 from tactape_fab.cli import main
 from tactape_fab.cli.options import degrees, hertz, kilopascals, length, micrometres, newtons, per_inch, seconds
 from tests.tapes import tape_at
@@ -48,13 +49,13 @@ WRONG = {
     "verify nowhere --quick --map map.png": "leave out --quick, or --map",
     "decode frames.npz": "no tape is given; name the kits that can be touched with --tape",
     "registry nowhere": "nowhere is no kit: there is no such file",
-    "profiles nofab": "'nofab' is none of: generic-fpc, generic-fr4, generic-lpi",
+    "profiles nofab": f"'nofab' is none of: {', '.join(profile_names('fabs'))}",
     "advise --contact nan": "--contact = nan mm is not a finite number; give --contact MM, such as 6",
     "advise --contact 6 --blur 9": "--blur = 9 mm exceeds",
 }
 AS_TYPED = {
-    "doctor --sensor frames.npz --like nope": "--like = 'nope' is none of: digit",
-    "calibrate frames.npz --tape nowhere --like nope -o s.toml": "--like = 'nope' is none of: digit",
+    "doctor --sensor frames.npz --like nope": "--like = 'nope' is none of: ",
+    "calibrate frames.npz --tape nowhere --like nope -o s.toml": "--like = 'nope' is none of: ",
     "simulate nowhere -o a.npz --contact-model elastic --force 2kg": "--force = '2kg' is not a number in N; give a number",
     "simulate nowhere -o a.npz --contact-model elastic --tilt 3": "--tilt = '3' is not 2 numbers; give the tilts along",
     "simulate nowhere -o a.npz --contact-model elastic --tilt 3,40": "--tilt = '3,40': 40 deg exceeds 20 deg; give the tilts",

@@ -54,7 +54,6 @@ def masked(value: str) -> tuple[str, str]:
 
 
 def test_the_sensors_that_come_with_the_package() -> None:
-    assert profile_names("sensors") == ["digit", "gelsight-mini", "generic"]
     mini = load_sensor("gelsight-mini")
     assert (mini.width_px, mini.height_px, mini.px_per_mm) == (320, 240, (16.0, 16.0))
     assert (mini.sign, mini.mirror, mini.rotate90, mini.depth_unit_mm, mini.mask) == (1, False, 0, 1.0, None)

@@ -16,12 +16,12 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.film.anchors import anchor_modes
 from tactape_fab.kit.film.coverlay import Mode, coverlay_modes, gang_window, least_pitch_mm, worst_box_gap_mm
-from tactape_fab.kit.profiles import FabProfile, load_fab, load_part
+from tactape_fab.kit.profiles import FabProfile, load_fab, load_part, profile_names
 from tactape_fab.texture.board import Board
 from tests.thorough import costly, some
 
 PART = load_part("r0201")
-PROFILES = ("generic-fpc", "jlcpcb-fpc", "pcbway-fpc", "generic-lpi", "generic-fr4", "jlcpcb-fr4", "pcbway-fr4")
+PROFILES = [name for name in profile_names("fabs") if load_fab(name).coverlay_modes[0] != "gang"]
 DISPLACEMENTS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 HALF_UM = 0.0005
 

@@ -13,7 +13,7 @@ from tactape_fab.kit.examine.coupon import TAPE_MM, examine_coupon
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.kit.profiles.confirm import Confirmed, Trial, confirm, read_trials
 
-FABS = profile_names("fabs")
+FABS = [name for name in profile_names("fabs") if load_fab(name).coverlay_modes != ("gang",)]
 DATE, SOURCE = "2026-11-23", "coupon c: sectors as judged"
 
 
