@@ -48,12 +48,11 @@ class Response(NamedTuple):
 
 
 class Pressed(NamedTuple):
-    """A solved contact: pressure in N/mm2, deflection and gap in mm, each (h, w), and the number of rounds."""
+    """A solved contact: pressure in N/mm2, deflection and gap in mm, each (h, w)."""
 
     pressure_mpa: FloatArray
     deflection_mm: FloatArray
     gap_mm: FloatArray
-    rounds: int
 
 
 def compliance(wavenumber_per_mm: npt.ArrayLike, layer: Layer) -> FloatArray:
@@ -143,7 +142,7 @@ def press_rigid(shape_mm: FloatArray, force: float, of: Response, start_mpa: Flo
     # zero where there is pressure: on the mean with the pressure as weight
     bent = deflection(pressure, of)
     gap = bent + shape_mm
-    return Pressed(pressure, bent, gap - _product(gap, pressure) / force, rounds)
+    return Pressed(pressure, bent, gap - _product(gap, pressure) / force)
 
 
 def _stiffened(gap_mm: FloatArray, of: Response) -> FloatArray:

@@ -92,13 +92,12 @@ def built_of(tape: Tape) -> Built | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Places:
-    """Some places: tape, turn (k,), cells of the dots (k, n, 2), ln of the weight and of the evidence by the design (k,)."""
+    """Some places: tape, turn (k,), cells of the dots (k, n, 2), ln of the weight (k,)."""
 
     tape: IntArray
     turn: IntArray
     cells: IntArray
     weight: FloatArray
-    nominal: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,7 +137,6 @@ def as_built(
         turn=np.array([place.turn]),
         cells=place.cells[None],
         weight=np.array([place.weight]),
-        nominal=np.array([place.score]),
     )
     found, measured = own, built[place.tape] is not None
     evidence = _weighed(own, fit, xy, dots, by_design, design, free_scale, tapes, built) if measured else None
@@ -232,12 +230,12 @@ def _candidates(
         return own
     where, nominal, weight = (np.concatenate([row[k] for row in rows]) for k in range(3))
     best = np.argsort(-(nominal + weight), kind="stable")[:CANDIDATES]
-    where, nominal, weight = where[best], nominal[best], weight[best]
+    where, weight = where[best], weight[best]
     cells = np.stack(
         [place.tables[of].cells[turn] + at for of, turn, at in zip(where[:, 0], where[:, 2], where[:, 3:5], strict=True)]
     )
     # the answer by the design may have more weight, of a prior
-    places = _Places(tape=where[:, 1], turn=where[:, 2], cells=cells, weight=weight, nominal=nominal)
+    places = _Places(tape=where[:, 1], turn=where[:, 2], cells=cells, weight=weight)
     return replace(places, weight=np.where(_is(place, places), np.maximum(weight, place.weight), weight))
 
 

@@ -183,7 +183,7 @@ def test_measured_places_are_rivals_of_a_place_by_the_design(monkeypatch: pytest
         score=20.0, weight=-9.0, tape=0, turn=1, cells=fit.nodes, shown=np.zeros((1, 1), dtype=np.uint8), others=1e-6, lead=15.0,
         most_evidence=25.0, tables=(), groups=(), turn_weights=np.array([0.4, 0.1, 0.4, 0.1]), weights=np.zeros((4, 2)),
     )  # fmt: skip
-    found = _Places(tape=np.array([0, 1]), turn=np.array([1, 2]), cells=cells, weight=np.array([-9.0, -8.0]), nominal=np.zeros(2))
+    found = _Places(tape=np.array([0, 1]), turn=np.array([1, 2]), cells=cells, weight=np.array([-9.0, -8.0]))
     # symbols that could say more: other places are looked at
     evidence = _Evidence(score=np.array([15.0, 16.0]), credit=np.array([0.0, 0.5]), q=np.full((2, 8, 4), 40.0))
     monkeypatch.setattr(built_places, "_candidates", lambda *_: found)
@@ -217,9 +217,7 @@ def test_the_mean_evidence_over_all_symbols_is_at_most_1() -> None:
     said = _design_odds(fit, dots)
     cells = fit.nodes - fit.nodes.min(axis=0) + 5
     for turn in range(4):
-        place = _Places(
-            tape=np.array([0]), turn=np.array([turn]), cells=cells[None], weight=np.zeros(1), nominal=np.zeros(1)
-        )  # fmt: skip
+        place = _Places(tape=np.array([0]), turn=np.array([turn]), cells=cells[None], weight=np.zeros(1))
         values = []
         for symbols in product(range(4), repeat=4):
             changed = built.symbols.copy()
