@@ -21,7 +21,7 @@ from tactape_fab.cli import COMMANDS
 from tactape_fab.kit.film.coverlay import worst_box_gap_mm
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm
 from tactape_fab.make.panel import PanelKit
-from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.code import ALL_CODE_NAMES, get_plane
 from tactape_fab.texture.plane import locate_windows
 from tactape_fab.texture.touch.design import ALONE, ALONE_OF_EIGHT, MOST_TOUCH_POINTS
 from tests.docs.test_docs import script_of
@@ -190,6 +190,10 @@ SPECS = {
 def test_manifests_of_every_kind_fit_the_schema(name: str, schema: Any, tmp_path: Path) -> None:
     make_kit(TapeSpec(**SPECS[name]), tmp_path / "kit", verify=False, force=name == "forced")  # type: ignore[arg-type]
     schema.validate(manifest(tmp_path / "kit"))
+
+
+def test_the_schema_has_every_code(schema: Any) -> None:
+    assert tuple(schema.schema["$defs"]["tape"]["properties"]["code"]["enum"]) == ALL_CODE_NAMES
 
 
 def test_kits_panels_and_embossed_parts_fit_it(schema: Any, small_kit: Kit, panel_2: PanelKit, tmp_path: Path) -> None:

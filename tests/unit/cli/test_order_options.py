@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tactape_fab.base.templates import profile_names, templates_folder
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tests.commands import run
 
 USAGE = 2
@@ -31,7 +32,7 @@ def refused(args: str, *said: str) -> list[str]:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("--assembly acme", ("assembly = 'acme' is none of: generic, jlcpcb, pcbway, eurocircuits, macrofab, kicad",)),
+        ("--assembly acme", (f"assembly = 'acme' is none of: {', '.join(ASSEMBLY_FORMATS)}",)),
         ("--assembly macrofab2", ("did you mean 'macrofab'?",)),
         ("--assembly ''", ("assembly = '' is none of",)),
         ("--part-number ''", ("--part-number = ''", CELL)),
