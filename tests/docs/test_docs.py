@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tactape_fab import Kit
-from tactape_fab.cli import command
+from tactape_fab.cli import COMMANDS, command
 from tactape_fab.kit.profiles import BACKING_ROLES, LIMIT_IDS, PROCESS_LIMIT_IDS
 from tactape_fab.kit.profiles.assembly import FORMATS
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
@@ -60,7 +60,7 @@ def test_numbers_of_the_default_kit_are_its_own(default_kit: Kit) -> None:
         assert row in page, "run docs/make_numbers.py --write"
 
 
-@pytest.mark.parametrize("name", ["make", "check", "profiles", "verify", "certify", "registry"])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_reference_names_every_option(name: str) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for parameter in command(name).params:

@@ -12,10 +12,11 @@ from functools import cache
 
 from click.testing import CliRunner
 
+from tactape_fab.base.templates import profile_names
 from tactape_fab.cli import main
 from tests.thorough import THOROUGH, some
 
-FABS = ("generic-fpc", "generic-lpi", "generic-fr4", "jlcpcb-fpc", "jlcpcb-fr4", "pcbway-fpc", "pcbway-fr4")
+FABS = profile_names("fabs")
 ASKING = {"part-count", "windows", "opening-expansion"}
 """Rules whose remedy is a question to the fab, or another texture."""
 NAMED = (

@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.kit.profiles import load_fab
+from tactape_fab.kit.profiles import load_fab, profile_names
 from tests.conftest import _missing
 
-FABS = ("generic-fpc", "jlcpcb-fpc", "pcbway-fpc", "generic-lpi", "generic-fr4", "jlcpcb-fr4", "pcbway-fr4")
 ANCHORED: dict[str, Any] = {"pitch_mm": 2.0, "size_mm": (40.0, 30.0), "holes_mm": [(20.0, 15.0, 2.0)]}
 SPECS = {
-    **{fab: TapeSpec(sector=7, fab=fab, size_mm=(100.0, 50.0), models=False) for fab in FABS},
+    **{fab: TapeSpec(sector=7, fab=fab, size_mm=(100.0, 50.0), models=False) for fab in profile_names("fabs")},
     **{anchor: TapeSpec(sector=7, anchor=anchor, models=False, **ANCHORED) for anchor in ("spur", "mesh")},
 }
 

@@ -26,7 +26,7 @@ LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")
 MODELS = ("step-assembly", "step-solid", "stl", "3mf")
 ROLES = (
     *(*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "order-notes", "fab-drawing", "fab-dxf"),
-    *("kicad-pcb", "kicad-project", "preview-png", "preview-svg", "certificate", "fab-zip", "report"),
+    *("kicad-pcb", "kicad-project", "preview-png", "preview-svg", "certificate", "fab-zip", "report", "placement-preview"),
 )
 
 _POINT = re.compile(r"X(-?\d+)Y(-?\d+)(?=(?:I-?\d+J-?\d+)?(D0[123])\*)")

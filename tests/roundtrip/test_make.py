@@ -32,32 +32,12 @@ from tactape_fab.kit.writer import write_kit
 from tactape_fab.make import kit as make
 from tactape_fab.make import publish as folders
 from tactape_fab.verify import Verification
-from tests.roundtrip.kits import contents
+from tests.roundtrip.kits import IN_ZIP, ROLES, contents
 from tests.thorough import thorough
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 SMALL = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
 """The spec of the shared small kit."""
-FAB_ROLES = {"copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job"}
-MODEL_ROLES = {"step-assembly", "step-solid", "stl", "3mf"}
-ROLES = (
-    FAB_ROLES
-    | MODEL_ROLES
-    | {
-        "components-top",
-        "cpl",
-        "bom",
-        "order-notes",
-        "fab-drawing",
-        "fab-dxf",
-        "placement-preview",
-        "kicad-pcb",
-        "kicad-project",
-        "preview-svg",
-        "preview-png",
-    }
-    | {"certificate", "fab-zip", "report"}
-)
 PINNED_KEYS = {
     "format", "name", "tool", "sector", "code", "origin", "columns", "rows", "pitch_mm", "displacement_mm", "board", "part",
     "fab", "spec", "symbols", "omitted", "tag", "files",
@@ -172,7 +152,7 @@ def without_signature(data: bytes) -> bytes:
 
 
 def test_kit_holds_the_files_of_the_contract(default_kit: Kit, small_kit: Kit) -> None:
-    for kit, roles in ((default_kit, ROLES - {"drill-npth"}), (small_kit, ROLES)):
+    for kit, roles in ((default_kit, set(ROLES) - {"drill-npth"}), (small_kit, ROLES)):
         content = manifest_of(kit.path)
         rows = content["files"]
         assert sorted(row["role"] for row in rows) == sorted(roles)
@@ -211,7 +191,7 @@ def test_zip_holds_what_the_fab_needs_and_no_more(small_kit: Kit) -> None:
     with zipfile.ZipFile(small_kit.path / small_kit.files["fab-zip"]) as archive:
         members = archive.infolist()
         found = {member.filename: archive.read(member) for member in members}
-    expected = {Path(small_kit.files[role]).name: file_of(small_kit, role) for role in FAB_ROLES}
+    expected = {Path(small_kit.files[role]).name: file_of(small_kit, role) for role in IN_ZIP}
     assert found == expected
     assert [member.filename for member in members] == sorted(expected)
     assert {member.date_time for member in members} == {(1980, 1, 1, 0, 0, 0)}
@@ -241,7 +221,7 @@ def test_tape_without_a_tag_has_no_legend(tmp_path: Path) -> None:
     assert manifest_of(kit.path)["tag"] is None
     assert not [path for path in contents(kit.path) if path.endswith(".gto")]
     with zipfile.ZipFile(kit.path / kit.files["fab-zip"]) as archive:
-        assert len(archive.namelist()) == len(FAB_ROLES - {"legend-top", "drill-npth"})
+        assert len(archive.namelist()) == len(set(IN_ZIP) - {"legend-top", "drill-npth"})
 
 
 def test_black_legend_profile_makes_a_kit_that_verifies(tmp_path: Path) -> None:
