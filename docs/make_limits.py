@@ -1,6 +1,6 @@
 """Writes the tables of docs/limits.md: budgets of files as the package has them, and attacks with what each costs, measured here.
 
-Run: python docs/make_limits.py; with --scores it makes the table of changed code alone, with --changes that of changed kits.
+Run: python docs/make_limits.py; with --scores it writes budgets and changed code alone, with --changes these and changed kits.
 A test holds the budgets, the scores, and which attacks and changes there are; figures are those of the machine.
 """
 
@@ -97,19 +97,15 @@ def with_table(page: str, name: str, rows: list[str]) -> str:
 
 
 def main() -> None:
-    if "--scores" in sys.argv:
-        PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), "mutants", mutant_rows()), encoding="utf-8")
-        return
-    rows = changed_rows()
-    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), "changes", rows), encoding="utf-8")
-    if "--changes" in sys.argv:
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        kit = make_kit(TapeSpec(sector=9, size_mm=(34.0, 24.0), holes_mm=((20.0, 12.0, 2.0),)), Path(folder) / "kit")
-        attacks = [attack_row(attack, cost_of(attack, kit.path)) for attack in ATTACKS]
     page = with_table(PAGE.read_text(encoding="utf-8"), "budgets", budget_rows())
     page = with_table(page, "mutants", mutant_rows())
-    PAGE.write_text(with_table(page, "attacks", attacks), encoding="utf-8")
+    if "--scores" not in sys.argv:
+        page = with_table(page, "changes", changed_rows())
+    if not {"--scores", "--changes"} & set(sys.argv):
+        with tempfile.TemporaryDirectory() as folder:
+            kit = make_kit(TapeSpec(sector=9, size_mm=(34.0, 24.0), holes_mm=((20.0, 12.0, 2.0),)), Path(folder) / "kit")
+            page = with_table(page, "attacks", [attack_row(attack, cost_of(attack, kit.path)) for attack in ATTACKS])
+    PAGE.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

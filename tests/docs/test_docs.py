@@ -16,7 +16,7 @@ from tactape_fab.kit.spec.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec.tape_spec import KEYS
 from tactape_fab.report.solid_view import MOST_TRIANGLES
 from tactape_fab.texture.cpl import PLACEMENTS
-from tactape_fab.verify.files import roles_of
+from tactape_fab.verify.files import LATER, roles_of
 from tactape_fab.verify.trip.round_trip import EDGE, INSIDE, QUICK
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM, SWALLOWED_MM
 from tests.attacks import ATTACKS, MOST_BYTES, MOST_CPU_S
@@ -71,7 +71,7 @@ def test_reference_names_every_option(name: str) -> None:
 
 def test_reference_names_every_key_role_and_rule(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES), *LIMIT_IDS, *PROCESS_LIMIT_IDS]:
+    for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES), *LATER, *LIMIT_IDS, *PROCESS_LIMIT_IDS]:
         assert f"`{name}`" in reference, name
 
 
@@ -100,7 +100,7 @@ def test_the_page_on_verify_has_the_round_trip_s_numbers() -> None:
 def test_tables_of_limits_are_those_of_the_package_and_of_its_attacks() -> None:
     script = script_of("make_limits")
     page = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
-    assert "\n".join(script.budget_rows()) in page, "run docs/make_limits.py"
+    assert "\n".join(script.budget_rows()) in page, "run docs/make_limits.py --scores"
     assert "\n".join(script.mutant_rows()) in page, "run docs/make_limits.py --scores"
     table = page.partition("<!-- attacks -->")[2].partition("<!-- /attacks -->")[0]
     rows = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("|")]
