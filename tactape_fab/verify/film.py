@@ -15,6 +15,7 @@ from tactape_fab.kit.film.anchors import build_anchors
 from tactape_fab.kit.profiles import GERBER_ROLES, load_fab, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
 from tactape_fab.kit.read.readback import read_drill
+from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import board_outline
@@ -64,7 +65,7 @@ def read_film_manifest(table: Fields) -> FilmManifest:
     """Read film and assembly from a manifest; problems are collected in `table`."""
     fab, film = table.table("fab"), read_film_record(table)
     known = known_fab(fab) if table.table("spec").values.get("fab") == fab.values.get("name") else None
-    profile = known or load_fab("generic-fpc")
+    profile = known or load_fab(DEFAULT_FAB)
     material = {role: material_words(backing) for role, backing in film.backings.items()}
     return FilmManifest(
         lands=read_recorded(table),

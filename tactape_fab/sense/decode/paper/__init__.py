@@ -5,8 +5,8 @@ The text leaves some things open; our reading is given in the docstring of the f
 
 from __future__ import annotations
 
-from tactape_fab.sense.decode.paper.method import LostAt, PaperTrace, locate_paper, locate_paper_dots
+from tactape_fab.sense.decode.paper.method import PaperTrace, locate_paper, locate_paper_dots
 from tactape_fab.sense.decode.paper.preprocess import estimate_scale
 from tactape_fab.sense.decode.paper.windows_read import Reading
 
-__all__ = ["LostAt", "PaperTrace", "Reading", "estimate_scale", "locate_paper", "locate_paper_dots"]
+__all__ = ["PaperTrace", "Reading", "estimate_scale", "locate_paper", "locate_paper_dots"]
