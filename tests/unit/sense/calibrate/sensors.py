@@ -9,7 +9,7 @@ import numpy as np
 
 from tactape_fab import Tape
 from tactape_fab.sense import Scene, SensorProfile, load_sensor, simulate
-from tactape_fab.sense.calibrate.presses import Frame
+from tactape_fab.sense.calibrate.presses import Frame, Press
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.texture.frames import FloatArray
 from tests.tapes import tape_at
@@ -60,3 +60,12 @@ def pressed(
         frames.append(simulate(tape, (x, y), theta, sensor=sensor, scene=scene, seed=100 * seed + k))
         poses.append((x, y, theta))
     return Presses(frames=frames, poses=np.array(poses))
+
+
+def off_mm(press: Press, pose: FloatArray) -> FloatArray:
+    """Where dots of `TRUE` are seen less where a pose has their parts, on the gel, (n, 2)."""
+    theta = np.radians(pose[2])
+    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    on_gel = TRUE.camera.from_px(press.seen_px) - TRUE.camera.from_px(TRUE.centre_px) + press.rim_mm
+    off: FloatArray = on_gel - (press.texture_mm - pose[:2]) @ turn.T
+    return off

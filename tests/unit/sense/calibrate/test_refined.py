@@ -15,15 +15,12 @@ from tactape_fab.sense.calibrate.relief import find_relief
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 from tests.thorough import only_thorough
-from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, off_mm, presses
 
 
-def off_mm(press: Press, pose: FloatArray) -> FloatArray:
-    """Where dots amid others are seen less where they are, on the gel, their mean taken out: the pose is nobody's here."""
-    theta = np.radians(pose[2])
-    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
-    seen = TRUE.camera.from_px(press.seen_px) - TRUE.camera.from_px(TRUE.centre_px) + press.rim_mm
-    off = (seen - (press.texture_mm - pose[:2]) @ turn.T)[press.amid]
+def centred_mm(press: Press, pose: FloatArray) -> FloatArray:
+    """Of the dots amid others, their mean taken out: the pose is nobody's here."""
+    off = off_mm(press, pose)[press.amid]
     centred: FloatArray = off - off.mean(axis=0)
     return centred
 
@@ -34,7 +31,7 @@ def test_pixels_place_dots_better_than_the_detector() -> None:
     fine = refined(made.frames, found, TRUE, [TAPE])
     assert [press.frame for press in fine] == [0, 1, 2, 3] and all(press.fine for press in fine)
     rough_um, fine_um = (
-        1000 * np.sqrt(np.mean(np.concatenate([off_mm(p, made.poses[p.frame]) for p in some]) ** 2)) for some in (found, fine)
+        1000 * np.sqrt(np.mean(np.concatenate([centred_mm(p, made.poses[p.frame]) for p in some]) ** 2)) for some in (found, fine)
     )
     assert fine_um < 0.8 * rough_um < 8.0 and fine_um < 5.0
 

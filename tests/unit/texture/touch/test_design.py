@@ -37,23 +37,21 @@ def bits_apart(a: int, b: int) -> int:
 APART = np.array([[bits_apart(a, b) for b in range(4)] for a in range(4)])
 
 
-def patches_of(symbols: SymbolArray, mask: np.ndarray, turn: int) -> list[np.ndarray]:
+def patches_of(symbols: SymbolArray, mask: np.ndarray, turn: int) -> np.ndarray:
     """Every patch of a shape, turned as a picture of parts is, with its symbols."""
-    side, found = len(mask), []
-    becomes: SymbolArray = np.arange(4, dtype=np.uint8)
+    side, becomes = len(mask), np.arange(8, dtype=np.uint8)
     for _ in range(turn):
         becomes = TURNED[becomes]
-    for r, c in product(range(symbols.shape[0] - side + 1), range(symbols.shape[1] - side + 1)):
-        found.append(np.rot90(becomes[symbols[r : r + side, c : c + side]], turn)[mask])
-    return found
+    corners = product(range(symbols.shape[0] - side + 1), range(symbols.shape[1] - side + 1))
+    return np.array([np.rot90(becomes[symbols[r : r + side, c : c + side]], turn)[mask] for r, c in corners])
 
 
 def nearest(one: SymbolArray, other: SymbolArray, mask: np.ndarray) -> tuple[int, int]:
     """Fewest bits between patches of two grids in any turn, and pairs at it; of one grid with itself every pair once."""
-    a = np.array(patches_of(one, mask, 0))
+    a = patches_of(one, mask, 0)
     least = []
     for turn in range(4):
-        b = np.array(patches_of(other, mask, turn))
+        b = patches_of(other, mask, turn)
         distance = APART[a[:, None], b[None]].sum(axis=2)
         if one is other:  # a turn of one against the other is the opposite turn of the other against the one
             distance = distance[np.triu_indices(len(a), 0 if turn in (1, 2) else 1)]

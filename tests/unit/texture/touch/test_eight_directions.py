@@ -41,6 +41,7 @@ from tactape_fab.texture.windows import bit_count, windows_of
 from tactape_fab.verify.symbols import check_symbols, symbols_of_positions
 from tactape_fab.verify.trip.misplaced import explain
 from tests.unit.sense.decode.test_touch import contacts
+from tests.unit.texture.touch.test_design import patches_of
 
 ANGLES_DEG = {"E": 0, "n": 45, "N": 90, "w": 135, "W": 180, "s": 225, "S": 270, "e": 315}
 """Each letter's direction, counter-clockwise as the tape is looked at."""
@@ -81,15 +82,6 @@ def test_small_letters_are_read_where_there_are_eight_alone() -> None:
 
 
 # The design
-
-
-def patches_of(symbols: SymbolArray, mask: np.ndarray, turn: int) -> np.ndarray:
-    """Every patch of a shape, turned as a picture of parts is, with its symbols."""
-    side, becomes = len(mask), np.arange(8, dtype=np.uint8)
-    for _ in range(turn):
-        becomes = TURNED[becomes]
-    corners = product(range(symbols.shape[0] - side + 1), range(symbols.shape[1] - side + 1))
-    return np.array([np.rot90(becomes[symbols[r : r + side, c : c + side]], turn)[mask] for r, c in corners])
 
 
 def nearest(symbols: SymbolArray, mask: np.ndarray, apart: np.ndarray) -> tuple[int, int]:
