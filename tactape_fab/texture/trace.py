@@ -141,26 +141,26 @@ class TraceCode(TapesOfPlane):
         return total
 
     def logarithms(self, elements: IntArray) -> IntArray:
-        """Exponents e of nonzero elements a^e, by the order's prime factors (Pohlig and Hellman, 1978); shape (n,)."""
+        """Exponents e of nonzero elements a^e, by the order's prime powers (Pohlig and Hellman, 1978); shape (n,)."""
         # z^(2^k) for every k, from which any power is a product
         squares = [elements]
         for _ in range(self.degree - 1):
             squares.append(_linear(squares[-1], self._square_function))
         exponent = np.zeros(elements.shape, dtype=np.int64)
-        for prime in self.primes:
-            # with N the order and p a prime factor, z^(N/p) = (a^(N/p))^e is in the subgroup of p elements, where its logarithm
-            # is e mod p: a table of at most 683 entries instead of 4 million
-            cofactor = self.order // prime
+        for factor in self.factors:
+            # with N the order and p a factor, z^(N/p) = (a^(N/p))^e is in the subgroup of p elements, where its logarithm
+            # is e mod p: of degree 22 a table of at most 683 entries instead of 4 million
+            cofactor = self.order // factor
             raised = np.ones_like(elements)
             for bit, square in enumerate(squares):
                 raised = self.products(raised, square) if cofactor >> bit & 1 else raised
             # element k is a^(k N/p); sorted, so that a binary search gives k
-            group = self._geometric(1, self.power(cofactor), prime)
+            group = self._geometric(1, self.power(cofactor), factor)
             order = group.argsort()
             residue = order[np.searchsorted(group[order], raised)]
-            # the term is the residue modulo p and 0 modulo the other primes: N/p has an inverse modulo p, as p divides N only
-            # once; each term is below N p < 2^32
-            exponent += residue * (cofactor * pow(cofactor, -1, prime))  # Chinese remainder theorem
+            # the term is the residue modulo p and 0 modulo the other factors: N/p has an inverse modulo p, as they are coprime;
+            # each term is below N p
+            exponent += residue * (cofactor * pow(cofactor, -1, factor))  # Chinese remainder theorem
         return exponent % self.order
 
     def _geometric(self, first: int, ratio: int, count: int) -> IntArray:
@@ -178,14 +178,15 @@ class TraceCode(TapesOfPlane):
         return int((of_powers << np.arange(self.degree)).sum())
 
     @cached_property
-    def primes(self) -> list[int]:
-        """Prime factors of the order, each of which occurs once."""
+    def factors(self) -> list[int]:
+        """Prime powers whose product is the order."""
         # 2^m - 1 is odd
         factors, left = [], self.order
-        for number in range(3, self.order):
-            if left % number == 0:
-                factors.append(number)
-                left //= number
+        for number in range(3, self.order + 1):
+            power = 1
+            while left % number == 0:
+                power, left = power * number, left // number
+            factors += [power] * (power > 1)
             if left == 1:
                 break
         return factors

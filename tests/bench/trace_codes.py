@@ -147,9 +147,10 @@ def _known(code: str) -> tuple[str, ...]:
 
 def primitive(code: TraceCode) -> bool:
     """Whether a root of the polynomial has the order 2^m - 1."""
-    if code.power(code.order) != 1:
+    if code.product(code.power(code.order - 1), 2) != 1:  # `power` takes exponents modulo the order
         return False
-    return all(code.power(code.order // prime) != 1 for prime in code.primes)
+    primes = [next(number for number in range(3, factor + 1) if factor % number == 0) for factor in code.factors]
+    return all(code.power(code.order // prime) != 1 for prime in primes)
 
 
 def _code() -> TraceCode:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -12,13 +13,13 @@ from tactape_fab import Localizer, Tape
 from tactape_fab.base.errors import CapacityError, SpecError
 from tactape_fab.cli.certify import proven_lines
 from tactape_fab.texture.certify.certificate import certify, proven_between
-from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.code import CODES, get_plane
 from tactape_fab.texture.frames import LETTERS, BoolArray, SymbolArray, symbols_to_rows
 from tactape_fab.texture.plane import encode, locate_windows
 from tactape_fab.texture.touch.patches import PATCHES
 from tactape_fab.texture.trace import TraceCode
 from tactape_fab.texture.windows import WordArray, bit_count
-from tests.bench.trace_codes import least_weights
+from tests.bench.trace_codes import least_weights, primitive
 from tests.contacts import dots, is_near, texture_of
 from tests.tapes import tape_at
 from tests.thorough import only_thorough, some
@@ -48,6 +49,10 @@ def slow_symbol(column: int, row: int, sector: int) -> str:
     return LETTERS[(element & 1) + 2 * (bin(element & 0xA66E2).count("1") % 2)]
 
 
+def test_every_polynomial_is_primitive() -> None:
+    assert all(primitive(code) for code in CODES.values() if isinstance(code, TraceCode))
+
+
 def test_symbols_are_those_of_polynomials_written_out() -> None:
     rng = np.random.default_rng(3)
     for sector, column, row in [(0, 0, 0), (255, 120, 120), *rng.integers(0, 120, (some(24), 3)).tolist()]:
@@ -75,6 +80,14 @@ def test_an_element_tells_its_place_if_it_is_of_a_sector() -> None:
         assert TRACE.place_of(TRACE.power(column + 129 * (row + 127 * sector))) == (sector, (column, row))
     assert TRACE.place_of(TRACE.power(127)) is None  # between two rows
     assert TRACE.place_of(TRACE.power(129 * 127 * 256)) is None  # after the last sector
+
+
+def test_exponents_of_an_order_with_a_square_are_found() -> None:
+    small = replace(TRACE, degree=12, polynomial=0x53)
+    elements = np.array([small.power(exponent) for exponent in range(small.order)])
+    assert small.factors == [9, 5, 7, 13] and len(set(elements.tolist())) == small.order
+    assert primitive(small) and not primitive(replace(small, polynomial=0x3))
+    assert (small.logarithms(elements) == np.arange(small.order)).all()
 
 
 def test_a_wrong_symbol_is_never_unnoticed() -> None:
