@@ -19,7 +19,7 @@ from tactape_fab.kit.film.anchors import anchor_plan
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.panel.geometry import Panel, Place
-from tactape_fab.kit.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
+from tactape_fab.kit.profiles import GERBER_ROLES, FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components
 from tactape_fab.kit.render.cpl_bom import render_bom, render_cpl
@@ -54,10 +54,7 @@ RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[AnyArtifact]]] 
 
 TOOL = {"name": "tactape-fab", "version": __version__}
 
-FAB_ZIP_ROLES = (
-    *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth"),
-    *("stiffener-bottom", "adhesive-bottom", "job"),
-)
+FAB_ZIP_ROLES = tuple(role for role in GERBER_ROLES if role != "components-top")
 """Roles in the zip for the fab; the job file only if the profile asks for it, never the component layer."""
 
 

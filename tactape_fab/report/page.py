@@ -12,6 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.profiles import GERBER_ROLES
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.report.bom_summary import bom_lines
 from tactape_fab.report.html import embedded, page, script_json
@@ -21,10 +22,7 @@ from tactape_fab.report.solid_view import solid_view
 from tactape_fab.texture.tape import Tape
 
 REPORT_NAME = "report.html"
-PANEL_READ_ROLES = (
-    *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
-    *("components-top", "cpl", "bom", "order-notes", "placement-preview"),
-)
+PANEL_READ_ROLES = (*(r for r in GERBER_ROLES if r != "job"), "cpl", "bom", "order-notes", "placement-preview")
 """Roles of the files that the page of a panel needs."""
 READ_ROLES = (*PANEL_READ_ROLES, "certificate", "placements", "preview-png")
 """Roles of the files that the page of a kit needs."""
