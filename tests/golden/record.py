@@ -107,7 +107,7 @@ surface = "plane"
 position_mm = [10.0, 20.0, 30.0]
 rpy_deg = [0.0, 30.0, 45.0]
 """
-_TIMES = re.compile(r'"elapsed_ms": [-0-9.e]+|\b[0-9.]+ (ms|s|kits/s|Hz)\b|"(seconds|elapsed_s)": [-0-9.e]+')
+_TIMES = re.compile(r'"elapsed_ms": [-0-9.e]+|\b[0-9.]+ (ms|s|kits/s|panels/s|Hz)\b|"(seconds|elapsed_s)": [-0-9.e]+')
 
 
 def record(folder: Path) -> None:
