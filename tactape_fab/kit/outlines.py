@@ -69,8 +69,8 @@ def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Pa
 
 def opening_size_mm(part: PartProfile, fab: FabProfile) -> tuple[float, float]:
     """Length and width of a part's coverlay opening, mm: the box of both pads with the expansion on each side."""
-    wider_mm = 2 * fab.coverlay_expansion_mm
-    return 2 * part.pads.offset_mm + part.pads.size_mm[0] + wider_mm, part.pads.size_mm[1] + wider_mm
+    length_mm, width_mm = part.lands_mm
+    return length_mm + 2 * fab.coverlay_expansion_mm, width_mm + 2 * fab.coverlay_expansion_mm
 
 
 def spur_tips(opening_size: tuple[float, float], fab: FabProfile, rotation_deg: float) -> FloatArray:
