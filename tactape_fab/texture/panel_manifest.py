@@ -47,16 +47,14 @@ def read_placed(table: Fields) -> tuple[PlacedTape, ...]:
     placed = []
     for i, row in enumerate(table.rows("tapes", longest=MOST_PLACED)):
         entry = Fields(row if isinstance(row, Mapping) else {}, f"tapes[{i}].", table.problems)
-        x, y = entry.numbers("offset_mm", 2, low=0.0, high=LONGEST_MM, default=(0.0, 0.0))
+        x, y = entry.numbers("offset_mm", 2, low=0.0, high=LONGEST_MM)
         placed.append(
             PlacedTape(
                 manifest=entry.text("manifest", pattern=_KIT_PATH, remedy=f"give {KITS_FOLDER}/NAME/{MANIFEST_NAME}"),
                 sha256=entry.text("sha256", pattern="[0-9a-f]{64}", remedy="give 64 hexadecimal digits"),
                 offset_mm=(x, y),
                 rotation_deg=_turn(entry),
-                first_designator=entry.text(
-                    "first_designator", pattern="R[1-9][0-9]{0,8}", remedy="give R and a number", default="R1"
-                ),
+                first_designator=entry.text("first_designator", pattern="R[1-9][0-9]{0,8}", remedy="give R and a number"),
             )
         )
     if not placed:
