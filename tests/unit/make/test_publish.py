@@ -5,9 +5,10 @@ from __future__ import annotations
 import errno
 import json
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from click.testing import CliRunner, Result
@@ -16,6 +17,11 @@ from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.cli import main
 from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.make import publish
+from tactape_fab.make.publish import finished
+
+if TYPE_CHECKING:
+    from tactape_fab.verify.signature import Signer
 
 Copy = Callable[[Kit | PanelKit], Path]
 SPEC = TapeSpec(sector=100, size_mm=(20.0, 20.0), models=False)
@@ -131,6 +137,108 @@ def test_a_failing_fsync_leaves_the_old_kit_or_none(
     else:
         assert contents(folder) != before
     assert [p.name for p in tmp_path.iterdir() if p.name.endswith(".partial")] == []
+
+
+# A folder and its name
+
+
+def put(target: Path, content: str, overwrite: Any = False, meanwhile: Callable[[], Any] | None = None) -> None:
+    with finished(target, "kit", overwrite=overwrite) as folder:
+        (folder / "manifest.json").write_text(json.dumps({"format": "tactape-manifest/1", "says": content}))
+        if meanwhile is not None:
+            meanwhile()
+
+
+def says(folder: Path) -> str:
+    return str(json.loads((folder / "manifest.json").read_bytes())["says"])
+
+
+def raising(error: BaseException) -> Callable[..., None]:
+    def call(*_: object) -> None:
+        raise error
+
+    return call
+
+
+def test_a_folder_is_signed_before_it_has_its_name_and_is_alone_then(tmp_path: Path) -> None:
+    target, signed = tmp_path / "new" / "deep" / "kit", []
+
+    class Noting:
+        def sign(self, folder: Path) -> None:
+            signed.append((target.exists(), sorted(contents(folder))))
+
+    with finished(target, "kit", overwrite=False, signer=cast("Signer", Noting())) as folder:
+        (folder / "file").write_bytes(b"")
+    assert signed == [(False, ["file"])]
+    assert sorted(contents(tmp_path)) == ["new", "new/deep", "new/deep/kit", "new/deep/kit/file"]
+
+
+def test_an_error_removes_what_was_made_and_nothing_else(tmp_path: Path) -> None:
+    target, full = tmp_path / "new" / "deep" / "kit", OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with pytest.raises(TactapeError, match=f"the kit cannot be written to {target}: No space left on device; use -o"):
+        put(target, "mine", meanwhile=raising(full))
+    assert contents(tmp_path) == {}
+    with pytest.raises(KeyboardInterrupt), finished(target, "kit", overwrite=False):
+        (tmp_path / "new" / "other").touch()
+        raise KeyboardInterrupt
+    assert sorted(contents(tmp_path)) == ["new", "new/other"]
+
+
+def test_a_name_that_is_too_long_is_refused_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(TactapeError, match="File name too long; use -o"):
+        put(tmp_path / ("k" * 300), "mine", meanwhile=pytest.fail)
+
+
+def test_a_place_that_was_taken_meanwhile_is_kept(tmp_path: Path) -> None:
+    kit, link = tmp_path / "kit", tmp_path / "link"
+    with pytest.raises(SpecError, match="exists already"):
+        put(kit, "mine", meanwhile=lambda: put(kit, "theirs"))
+    with pytest.raises(SpecError, match="is not a folder"):
+        put(link, "mine", True, meanwhile=lambda: link.symlink_to("nowhere"))
+    assert says(kit) == "theirs" and sorted(path.name for path in tmp_path.iterdir()) == ["kit", "link"]
+
+
+@pytest.mark.parametrize("exchanges", [True, False])
+def test_an_older_kit_is_replaced_as_it_is_asked_for(exchanges: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not exchanges:
+        monkeypatch.setattr(publish, "_exchange", lambda *_: False)
+    kit = tmp_path / "kit"
+    put(kit, "old")
+    put(kit, "old", "same")
+    with pytest.raises(SpecError, match="exists already"):
+        put(kit, "new", "same")
+    assert says(kit) == "old"
+    put(kit, "new", True)
+    assert says(kit) == "new" and list(tmp_path.iterdir()) == [kit]
+
+
+def test_an_older_kit_has_its_name_again_where_the_new_one_cannot_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kit, rename = tmp_path / "kit", Path.rename
+    put(kit, "old")
+
+    def failing(self: Path, target: Path) -> Path:
+        if target == kit and says(self) == "new":
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return rename(self, target)
+
+    monkeypatch.setattr(publish, "_exchange", lambda *_: False)
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(TactapeError, match="Input/output error"):
+        put(kit, "new", True)
+    assert says(kit) == "old" and list(tmp_path.iterdir()) == [kit]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="folders are exchanged by a call of Linux")
+def test_folders_are_exchanged_in_one_call_where_that_can_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    put(Path("a"), "a")
+    put(Path("b"), "b")
+    monkeypatch.setattr(Path, "rename", raising(AssertionError()))
+    assert publish._exchange(Path("a"), Path("b")) and (says(Path("a")), says(Path("b"))) == ("b", "a")
+    Path("a/below").mkdir()
+    assert not publish._exchange(Path("a"), Path("a/below"))  # EINVAL, as of a file system that cannot
+    with pytest.raises(FileNotFoundError):
+        publish._exchange(Path("a"), Path("none"))
 
 
 # Pictures
