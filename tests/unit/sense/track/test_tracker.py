@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import fields, replace
-from math import radians
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ import pytest
 from tactape_fab import Localization, Localizer, Motion, Prior, Track, Tracker
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.sense import load_sensor
-from tactape_fab.sense.track.change import Change
-from tactape_fab.sense.track.motion import Pose, mean_pose, predicted, slip_of, velocity_of, within
 from tactape_fab.sense.track.tracker import _NOTHING, TOUCHES, followed
 from tests.bench import tracking
 from tests.contacts import TAPE, dots, tape_of, texture_of
@@ -141,90 +138,6 @@ def test_times_run_forward_and_a_refused_frame_changes_nothing(localizer: Locali
 def test_localizers_without_a_prior_are_refused() -> None:
     with pytest.raises(SpecError, match="takes no prior"):
         Tracker(Localizer([TAPE], method="paper"))
-
-
-def test_values_out_of_range_are_named_together() -> None:
-    with pytest.raises(SpecError, match=r"(?s)radius_mm = -1.*patience = 0"):
-        Motion(radius_mm=-1.0, patience=0)
-    with pytest.raises(SpecError, match=r"(?s)floor_strain = -1.*shear_mm = 0"):
-        Motion(floor_strain=-1.0, shear_mm=0.0)
-
-
-# Motion
-
-
-def pose(time: float, x: float, y: float, theta_deg: float, sigma_mm: float = 0.01, sigma_deg: float = 0.1) -> Pose:
-    covariance = np.diag([sigma_mm**2, sigma_mm**2, radians(sigma_deg) ** 2])
-    return Pose(timestamp=time, tape="a", at=np.array([x, y, radians(theta_deg)]), covariance=covariance)
-
-
-def test_turns_are_followed_across_half_a_turn() -> None:
-    line = [pose(0.1 * k, 0.0, 0.0, angle) for k, angle in enumerate((170.0, 176.0, -178.0, -172.0))]
-    velocity = velocity_of(line, Motion())
-    assert np.degrees(velocity[2]) == pytest.approx(60.0)
-    prior = predicted(line, velocity, 0.4, Motion(reach_mm=50.0))
-    assert prior is not None and prior.theta_deg == pytest.approx(-166.0)
-    assert within(pose(0.4, 0.0, 0.0, -166.0), prior)
-    assert not within(pose(0.4, 0.0, 0.0, 80.0), prior)
-    assert mean_pose([pose(0, 0, 0, 179.0), pose(1, 0, 0, -179.0)]).at[2] == pytest.approx(np.pi)
-
-
-def test_no_velocity_is_faster_than_the_motion() -> None:
-    line = [pose(0.0, 0.0, 0.0, 0.0), pose(0.01, 3.0, 4.0, 90.0)]
-    assert velocity_of(line, Motion(speed_mm_s=50.0, turn_deg_s=100.0)).tolist() == pytest.approx([30.0, 40.0, radians(100.0)])
-    assert velocity_of([pose(0.0, 0.0, 0.0, 0.0), pose(5.0, 3.0, 4.0, 90.0)], Motion()).tolist() == [0.0, 0.0, 0.0]
-
-
-def test_fixes_of_one_time_say_nothing_of_a_velocity() -> None:
-    for gap_s in (1e-200, 1e-160, 1e-12):
-        assert velocity_of([pose(0.0, 0, 0, 0), pose(gap_s, 3.0, 4.0, 90.0)], Motion()).tolist() == [0.0, 0.0, 0.0]
-
-
-def test_slip_is_measured_in_the_errors_of_both_poses() -> None:
-    motion = Motion(floor_mm=0.0, floor_deg=0.0)
-    # by hand: 0.1 mm off, 0.01 mm each: 0.1 / (0.01 * sqrt 2) = 7.07; with 0.04 mm each 1.77
-    assert slip_of(pose(1, 0.1, 0, 0), pose(0, 0, 0, 0), pose(0, 0, 0, 0), motion).sigmas == pytest.approx(7.071, abs=1e-3)
-    wide = slip_of(pose(1, 0.1, 0, 0, 0.04), pose(0, 0, 0, 0, 0.04), pose(0, 0, 0, 0), motion)
-    assert wide.sigmas == pytest.approx(1.768, abs=1e-3) and not wide.detected
-    turned = slip_of(pose(1, 0, 0, 2.0), pose(0, 0, 0, 0), pose(0, 0, 0, 1.0), motion)
-    assert turned.detected and [turned.turn_deg, turned.total_deg] == pytest.approx([2.0, 1.0])
-    assert (turned.cause, turned.strain, turned.strain_sigma, turned.dots) == (None, None, None, 0)
-
-
-def changed(shift_mm: float, shear: float = 0.0, sigma: float = 0.001) -> Change:
-    return Change(
-        shift=np.array([shift_mm, 0.0, 0.0]),
-        covariance=sigma**2 * np.eye(3),
-        strain=np.array([0.0, 0.0, shear]),
-        strain_covariance=sigma**2 * np.eye(3),
-        dots=20,
-    )
-
-
-def test_the_change_of_common_dots_replaces_that_of_the_poses() -> None:
-    motion = Motion(floor_mm=0.0, floor_deg=0.0)
-    wide = [pose(time, x, 0.0, 0.0, 0.04) for time, x in ((1.0, 0.1), (0.0, 0.0))]
-    slip = slip_of(wide[0], wide[1], wide[1], motion, changed(0.09))
-    assert slip.detected and slip.sigmas == pytest.approx(90.0) and slip.shift_mm == (0.09, 0.0) and slip.dots == 20
-    assert slip.total_mm == pytest.approx((0.1, 0.0))  # of the poses
-
-
-def test_what_moved_is_told_where_it_can_be() -> None:
-    still, motion = pose(0.0, 0.0, 0.0, 0.0), Motion(floor_strain=0.0)
-    known = replace(motion, shear_mm=0.5)
-    assert slip_of(still, still, still, known, changed(0.001)).cause is None  # nothing changed
-    # an even shift within what the gel may be sheared by: it may stick or slide
-    assert [slip_of(still, still, still, m, changed(0.4)).cause for m in (motion, known)] == [None, None]
-    assert [slip_of(still, still, still, m, changed(0.6)).cause for m in (motion, known)] == [None, "slip"]
-    bent = slip_of(still, still, still, known, changed(0.4, shear=0.02))
-    assert bent.cause == "shear" and bent.strain == (0.0, 0.02) and bent.strain_sigma == pytest.approx((0.001, 0.001))
-    assert slip_of(still, still, still, Motion(), changed(0.0, shear=0.01)).cause is None  # below 6 times its floor
-
-
-@pytest.mark.parametrize("name", [field.name for field in fields(Motion)])
-def test_a_motion_that_cannot_be_is_refused(name: str) -> None:
-    with pytest.raises(SpecError, match=rf"^{name} = -1"):
-        Motion(**{name: -1})
 
 
 # Simulated sequences
