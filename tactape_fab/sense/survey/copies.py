@@ -108,12 +108,14 @@ def split_of(contact: IntArray, part: IntArray, left_mm: FloatArray, places_mm: 
     _, vector = eigsh(products, k=1, which="LA", v0=np.cos(np.arange(contacts) + 1.0))
     second: BoolArray = vector[:, 0] > 0.0
     for _ in range(_ROUNDS):
-        costs = np.stack([_costs(seen, by, contact, part, left_mm, group, contacts) for group in (~second, second)])
-        now = costs[1] < costs[0]
+        of_first, of_second = (_squares(seen, by, contact, part, left_mm, group) for group in (~second, second))
+        # a part that no other contact of one group shows tells nothing
+        now = np.bincount(contact, np.nan_to_num(of_second - of_first), contacts) < 0.0
+        # the fewer: contacts of which nothing is told are of the others
+        now = now if now.sum() * 2 <= contacts else ~now
         if (now == second).all():
             break
         second = now
-    second = second if second.sum() * 2 <= contacts else ~second
     if second.sum() < LEAST_CONTACTS:
         return None
     count, mean = zip(*(_means(seen, by, group) for group in (~second, second)), strict=True)
@@ -140,21 +142,15 @@ def _means(seen: csr_matrix, by: Sequence[csr_matrix], group: BoolArray) -> tupl
     return count, np.stack([of.T @ weight for of in by], axis=1) / np.maximum(count, 1.0)[:, None]
 
 
-def _costs(
-    seen: csr_matrix,
-    by: Sequence[csr_matrix],
-    contact: IntArray,
-    part: IntArray,
-    left_mm: FloatArray,
-    group: BoolArray,
-    contacts: int,
+def _squares(
+    seen: csr_matrix, by: Sequence[csr_matrix], contact: IntArray, part: IntArray, left_mm: FloatArray, group: BoolArray
 ) -> FloatArray:
-    """Sum of squared distances of each contact's dots from the means of a group without it; (contacts,)."""
+    """Squared distance of each dot from the mean of its part in a group without its contact (m,); NaN where there is none."""
     count, mean = _means(seen, by, group)
     mine = group[contact].astype(float)
     others = count[part] - mine
-    # a part that no other contact of the group shows has no mean: the design's position stands for it
-    without = (mean[part] * count[part, None] - mine[:, None] * left_mm) / np.maximum(others, 1.0)[:, None]
+    others[others < 1.0] = np.nan
+    without = (mean[part] * count[part, None] - mine[:, None] * left_mm) / others[:, None]
     # of few contacts a mean is off by as much as they are
-    squares = ((left_mm - without) ** 2).sum(axis=1) / (1.0 + 1.0 / np.maximum(others, 1.0))
-    return np.bincount(contact, squares, contacts).astype(np.float64)
+    squares: FloatArray = ((left_mm - without) ** 2).sum(axis=1) / (1.0 + 1.0 / others)
+    return squares

@@ -32,13 +32,21 @@ def placed(mm: float) -> FloatArray:
     return np.random.default_rng(7).normal(0.0, mm, PLACES_MM.shape)
 
 
-@pytest.mark.parametrize("second", [15, 6])
+@pytest.mark.parametrize("second", [15, 6, 24])
 def test_contacts_of_either_copy_are_told_apart(second: int) -> None:
-    found = split_of(*dots(placed(0.07), second), PLACES_MM, CONTACTS)
+    contact, part, left_mm = dots(apart_mm := placed(0.07), second)
+    found = split_of(contact, part, left_mm, PLACES_MM, CONTACTS)
     assert found is not None
-    # halves are alike: either may be the second
-    told = found.second if second < 15 or found.second[-1] else ~found.second
+    assert found.second.sum() == min(second, CONTACTS - second)
+    told = found.second if found.second[-1] else ~found.second
     assert np.flatnonzero(told).tolist() == list(range(CONTACTS - second, CONTACTS))
+    # by the errors that were drawn: of n contacts a part's mean has the variance DOT_MM^2 / n
+    late = contact >= CONTACTS - second
+    n = [np.bincount(part[which], minlength=len(PLACES_MM)) for which in (~late, late)]
+    both = (n[0] >= 2) & (n[1] >= 2)
+    of_errors = 2.0 * DOT_MM**2 * (1.0 / n[0][both] + 1.0 / n[1][both])
+    assert found.ratio == pytest.approx(np.median((apart_mm[both] ** 2).sum(axis=1) / of_errors) / np.log(2.0), rel=0.1)
+    assert found.parts == both.sum() and abs(found.alike) < 0.3
     assert found.ratio > 4 * LEAST_RATIO and found.apart_mm == pytest.approx(0.07 * np.sqrt(2 * np.log(2)), rel=0.25)
 
 
@@ -55,6 +63,19 @@ def test_what_moves_neighbours_alike_is_no_other_copy() -> None:
     found = split_of(*seen, PLACES_MM, CONTACTS)
     assert found is not None and found.ratio > LEAST_RATIO and found.alike > MOST_ALIKE
     refuse_copies(range(CONTACTS), *seen, PLACES_MM)
+
+
+def test_frames_of_the_fewer_contacts_are_named() -> None:
+    contact, part, left_mm = dots(placed(0.07), 12)
+    frames = range(100, 100 + CONTACTS)
+    first = ", ".join(str(frame) for frame in range(118, 128))
+    with pytest.raises(
+        SpecError, match=rf"in 12 of 30 frames \({first}, \.\.\.\) parts are 0\.0[0-9]* mm from .* survey each copy"
+    ):
+        refuse_copies(frames, contact, part, left_mm, PLACES_MM)
+    with pytest.raises(SpecError, match=r"in 6 of 30 frames \(24, 25, 26, 27, 28, 29\) parts"):
+        refuse_copies(range(CONTACTS), *dots(placed(0.07), 6), PLACES_MM)
+    refuse_copies(frames, contact, part, left_mm / 10.0, PLACES_MM)  # as surely apart, by less than placement is
 
 
 def test_few_contacts_are_no_copy() -> None:
@@ -76,7 +97,17 @@ def test_a_start_is_refused_where_the_design_fits_better() -> None:
         if fits:
             refuse_other_start(part, left, before, before, sigma)
         else:
-            with pytest.raises(SpecError, match="leave out --from"):
+            off_mm, design_mm = (np.median(np.hypot(*at[np.hypot(*other.T) > 0.01].T)) for at in (own - other, own))
+            says = rf"parts are {off_mm:.2g} mm off those and {design_mm:.2g} mm off the design \(median\).* leave out --from"
+            with pytest.raises(SpecError, match=says):
                 refuse_other_start(part, left, before, before, sigma)
+            # what placement is at its best is no other copy
+            refuse_other_start(part, left / 10.0, before / 10.0, before / 10.0, sigma / 10.0)
     # parts that nobody measured are where the design has them
     refuse_other_start(part, own[part], np.zeros_like(own), np.zeros_like(own), np.full(len(own), np.inf))
+    # nor do they speak for those that were, however far off
+    told = np.arange(len(own)) < 20
+    left = np.where(told[:, None], own - other, 100.0 * own)[part]
+    before = np.where(told[:, None], other, 0.0)
+    with pytest.raises(SpecError, match="leave out --from"):
+        refuse_other_start(part, left, before, before, np.where(told, 0.005, np.inf))

@@ -25,6 +25,20 @@ def test_a_sensor_s_own_poses_are_taken_as_they_are() -> None:
         assert (pose.sigma_mm, pose.sigma_deg) == (0.1, 0.05)
 
 
+def test_the_pose_that_is_tilted_most_is_named() -> None:
+    down = on_tape(SEEN[:1], np.zeros(2))[0]
+    for tilts_deg, frame in (((5, 19.9, 3), None), ((5, 30, 25), 1)):
+        turned = [matrix_of(np.array([0, 0, 0, np.radians(tilt), 0, 0])) @ down for tilt in tilts_deg]
+        poses = [ArmPose(frame=k, flange_to_base=m) for k, m in enumerate(turned)]
+        if frame is None:
+            assert len(in_plane(poses, None)) == 3
+        else:
+            with pytest.raises(
+                SpecError, match=f"at frame {frame} the sensor's z axis is 30 deg from straight down, more than 20"
+            ):
+                in_plane(poses, None)
+
+
 def test_a_flange_s_poses_need_what_calibrate_found(tmp_path: Path) -> None:
     on_flange, in_base = matrix_of(np.array([5, -3, 80, 0.1, 3.0, 0.2])), matrix_of(np.array([400, 20, -7, 0.5, 1.2, -0.4]))
     path = tmp_path / "mine-hand-eye.json"
