@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tactape_fab.sense.inspect.bodies import Bodies
 from tactape_fab.sense.inspect.parallax import BEND_MM, bend_mm, without_parallax
@@ -23,6 +24,30 @@ def test_growth_and_mean_are_taken_out_and_their_errors_are_said() -> None:
     assert np.abs(error).max() < 0.012
     # what is left is the sample's own mean and growth: within what sigma_mm grew by
     assert (error**2).mean() < 4.0 * (found.sigma_mm**2 - bodies.sigma_mm**2).mean()
+
+
+def test_what_the_correction_may_be_off_is_said_of_each_part() -> None:
+    rng = np.random.default_rng(1)
+    sites, one = rng.uniform((0, 0), (40, 30), (60, 2)), np.ones(60)
+    # two parts that do not count, far outside
+    sites[:2] = (80.0, 15.0), (-40.0, 15.0)
+    squares = np.zeros((2, 60))
+    for _ in range(60):
+        scatter = rng.normal(0.0, 0.05, sites.shape)
+        bodies = Bodies(shift_mm=scatter, turn_deg=0 * one, sigma_mm=0.003 * one, area=one, misfit=one)
+        found, _ = without_parallax(bodies, sites, np.arange(60) >= 2)
+        squares += ((found.shift_mm - scatter) ** 2).mean(axis=1), found.sigma_mm**2 - 0.003**2
+    off = np.hypot(*(sites - sites[2:].mean(axis=0)).T)
+    for which in (off < 8.0, (off > 16.0) & (off < 30.0), off > 30.0):
+        real, said = squares[:, which].mean(axis=1)
+        assert real == pytest.approx(said, rel=0.3)
+
+
+def test_a_growth_without_noise_is_taken_out_whole() -> None:
+    sites, one = np.random.default_rng(2).uniform((0, 0), (40, 30), (30, 2)), np.ones(30)
+    bodies = Bodies(shift_mm=0.002 * (sites - (7.0, 40.0)), turn_deg=0 * one, sigma_mm=0.003 * one, area=one, misfit=one)
+    found, growth = without_parallax(bodies, sites, one > 0)
+    assert growth == pytest.approx(0.002) and np.abs(found.shift_mm).max() < 1e-9 and found.sigma_mm == pytest.approx(0.003 * one)
 
 
 def test_a_bend_is_what_no_scanner_has() -> None:

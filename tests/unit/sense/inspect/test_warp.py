@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tactape_fab.sense.inspect.film import refined, symmetry_offset
 from tactape_fab.sense.inspect.patches import patch_grid
-from tactape_fab.sense.inspect.warp import Warp, affine_warp, fitted
+from tactape_fab.sense.inspect.warp import LineShift, Warp, affine_warp, fitted
 
 LINEAR = np.array([(47.0, 1.0), (0.5, -46.5)])
 RNG = np.random.default_rng(3)
@@ -23,8 +24,21 @@ def bent() -> Warp:
 
 
 def test_to_board_is_the_inverse_of_to_px() -> None:
-    warp = bent()
-    np.testing.assert_allclose(warp.to_board(warp.to_px(BOARD)), BOARD, atol=1e-9)
+    flat = affine_warp(LINEAR, (30.0, 2400.0), (50.0, 25.0), 50.0)
+    jitter = LineShift(axis=1, start_px=0.0, step_px=100.0, value_px=RNG.normal(0.0, 0.5, (26, 2)))
+    for warp in (flat, replace(flat, lines=(jitter,)), bent(), replace(bent(), lines=(jitter,))):
+        np.testing.assert_allclose(warp.to_board(warp.to_px(BOARD)), BOARD, atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_shift_of_lines_is_linear_between_knots_and_stays_beyond_them(axis: int) -> None:
+    value_px = np.array([(0.5, -1.0), (1.0, 2.0), (-0.25, 0.0), (3.0, 1.0)])
+    shift = LineShift(axis=axis, start_px=5.0, step_px=10.0, value_px=value_px)
+    expected = np.stack([np.interp(np.arange(60.0), 5.0 + 10.0 * np.arange(4), of) for of in value_px.T], axis=1)
+    np.testing.assert_allclose(shift.of_pixels(60), expected, atol=1e-5)
+    px = np.full((60, 2), 17.0)
+    px[:, axis] = np.arange(60.0)
+    np.testing.assert_allclose(shift.at(px), expected, atol=1e-5)
 
 
 def test_the_jacobian_is_the_derivative() -> None:
@@ -39,7 +53,9 @@ def test_the_jacobian_is_the_derivative() -> None:
 def test_an_affine_warp_is_what_it_says_and_knows_a_mirror() -> None:
     warp = affine_warp(LINEAR, (30.0, 2400.0), (50.0, 25.0), 50.0)
     np.testing.assert_allclose(warp.smooth(BOARD), BOARD @ LINEAR.T + (30.0, 2400.0), atol=1e-9)
-    assert not warp.mirrored
+    assert not warp.mirrored and warp.raised(1) is warp and warp.raised(3).raised(2).order == 3
+    assert warp.px_per_mm == pytest.approx(np.sqrt(47.0 * 46.5 + 0.5))
+    assert warp.raised(2).px_per_mm == pytest.approx(warp.px_per_mm)
     assert affine_warp(LINEAR * (1, -1), (0, 0), (50, 25), 50.0).mirrored
 
 
@@ -50,6 +66,10 @@ def test_a_fit_ignores_points_that_are_elsewhere() -> None:
     found, away = fitted(true, BOARD, px, gate_px=15.0, rounds=12)
     assert np.abs(found.to_px(BOARD) - true.to_px(BOARD)).max() < 0.3
     assert np.median(away[::10]) > 15.0
+    # points without any error are met exactly, wherever the fit begins
+    exact, away = fitted(replace(true, coefficients=0.0 * true.coefficients), BOARD, true.to_px(BOARD), gate_px=15.0, rounds=2)
+    np.testing.assert_allclose(exact.coefficients, true.coefficients, atol=1e-6)
+    assert away.max() < 1e-6
 
 
 def test_shifts_of_lines_are_found_and_do_not_follow_noise() -> None:
