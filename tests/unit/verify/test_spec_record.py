@@ -65,6 +65,12 @@ def test_a_profile_of_the_user_s_own_may_have_any_name(manifests: dict[str, dict
     assert not contradictions(manifest, Tape.from_mapping(manifest))
 
 
+def test_an_origin_that_was_looked_for_may_be_any(manifests: dict[str, dict[str, Any]]) -> None:
+    manifest = deepcopy(manifests["film"])
+    manifest["spec"] |= {"origin": "best", "code": "best"}
+    assert [problem.key for problem in contradictions(manifest, Tape.from_mapping(manifest))] == ["code"]
+
+
 def test_verify_says_so(tmp_path: Path) -> None:
     made = make_kit(TapeSpec(sector=7, size_mm=(30, 25), models=False), tmp_path / "kit", verify=False)
     place = made.path / "manifest.json"
