@@ -17,7 +17,7 @@ LEAST_CONTACTS, LEAST_PARTS = 3, 10
 """Fewest contacts of each copy, and fewest parts that two or more contacts of each show: with fewer it may be a gel that slid."""
 LEAST_RATIO, LEAST_APART_MM = 5.0, 0.015
 """Median of a part's squared distance between both groups of contacts, over that expected from errors of dots;
-and the distance. Simulated contacts of one tape have a ratio of 2 at most where they are split so that they differ most, with a
+and the distance. Simulated contacts of one tape have a ratio of 2.5 at most where they are split so that they differ most, with a
 gel displaced by 50 um as well; those of two copies, placed to 0.02 mm and worse, 9 and more."""
 MOST_ALIKE = 0.5
 """Correlation of neighbours' shifts from which on they are not due to placement: a lens or gel shifts neighbours alike."""

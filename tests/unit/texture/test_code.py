@@ -29,6 +29,7 @@ from tactape_fab.texture.code import (
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.plane import MOST_POINTS
 from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS
+from tests.thorough import slow
 
 PACKAGE = Path(tactape_fab.__file__).parent
 SHAPE = (9, 11)
@@ -224,6 +225,7 @@ def test_the_scan_finds_what_it_looks_for(source: str, found: int) -> None:
     assert len(list(asked_by_name(source, directions=True))) == found
 
 
+@slow
 def test_no_room_but_texture_asks_which_code_or_how_many_directions() -> None:
     """Arithmetic that differs by the number of directions is the decoder's alone."""
     said = [

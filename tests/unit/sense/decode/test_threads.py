@@ -69,4 +69,4 @@ def test_only_searches_of_many_places_release_the_lock() -> None:
         for module, name, kernel in dispatchers()
         if kernel.targetoptions.get("nogil")
     }
-    assert releasing == {"all_places._weigh_many", "matrices._weigh_many", "trace_plane.transform", "trace_plane.tell"}
+    assert releasing == {"all_places._weigh_many", "matrices._weigh_many", "trace_plane.transform", "trace_plane.summarise"}

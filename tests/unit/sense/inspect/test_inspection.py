@@ -147,7 +147,7 @@ def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_
     assert [found.kind for found in one.deviations()] == ["missing"] * 5
 
 
-@costly
+@slow
 @pytest.mark.parametrize(
     ("film", "opening"), [((28, 92, 48), (150, 140, 90)), ((30, 60, 130), (150, 140, 90)), ((70, 70, 72), (160, 145, 95))]
 )
@@ -183,6 +183,7 @@ def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.present, scanned.built.present)
 
 
+@slow
 def test_a_blurred_scan_says_how_far_parts_are_off_along_them(kit_40: Kit, tmp_path: Path) -> None:
     """Where the outer ends are blurred, a part is where its metal begins, and that differs from end to end."""
     tape = Tape.load(kit_40.path)
@@ -267,6 +268,7 @@ def test_a_photograph_at_a_slant_serves(kit_40: Kit, tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.present, built.present)
 
 
+@slow
 def test_scatter_of_the_parts_makes_no_photograph_of_a_scan(kit_40: Kit, tmp_path: Path) -> None:
     tape = Tape.load(kit_40.path)
     built = assembled(tape, sigma_mm=0.1, missing=4, seed=1)

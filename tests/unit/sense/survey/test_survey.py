@@ -288,6 +288,7 @@ def test_the_frames_of_an_earlier_survey_are_refused_after_it(tmp_path: Path) ->
         surveyed(tmp_path, learn[::-1], replace(small_tape(), as_built=first))
 
 
+@slow
 def test_a_survey_that_is_continued_is_as_sure_as_it_is_right(tmp_path: Path) -> None:
     """What neighbours are wrong by together is no error of each: no number of parts makes it smaller, and no contact shows it."""
     truth, learn, _ = pressed(80)
@@ -320,6 +321,7 @@ def test_frames_of_two_copies_are_refused(tmp_path: Path, others: int) -> None:
         surveyed(tmp_path, learn)
 
 
+@slow
 def test_measured_places_of_another_copy_are_no_start(tmp_path: Path) -> None:
     """Nothing but the dots can give way then: what came out was farther off than the design, and said to be known to 10 um."""
     first = surveyed(tmp_path, of_copy(3, 1, 40)[1])
