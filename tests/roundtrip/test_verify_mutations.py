@@ -22,6 +22,8 @@ from tactape_fab.cli import main
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import (
     LAYERS,
+    MODELS,
+    ROLES,
     Edit,
     OpenKit,
     Point,
@@ -47,6 +49,7 @@ from tests.roundtrip.kits import (
 )
 
 Copy = Callable[[Kit], Path]
+Once = Callable[[str, Callable[[Path], Any]], Any]
 
 PART = 10
 """Number of the part that is changed: column 1, row 1 of the small kit, symbol S."""
@@ -320,6 +323,17 @@ def test_a_file_changed_alone_is_caught_by_its_hash_too(
     kit = OpenKit(copied(flat_kit))
     edit(kit)
     judge(kit, fails, says, consistent=False)
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_the_file_of_another_kit_is_caught(role: str, small_kit: Kit, flat_kit: Kit, once: Once, copied: Copy) -> None:
+    """By a line that reads it: what no reader checks is not part of a kit."""
+    spec = TapeSpec(sector=101, size_mm=(24.0, 20.0), holes_mm=[(20.4, 10.0, 1.2)], fab="generic-fr4", models=role in MODELS)
+    other = once(f"other {spec.models}", lambda folder: make_kit(spec, folder / "tactape-s101"))
+    kit = OpenKit(copied(small_kit if spec.models else flat_kit))
+    kit.data[role] = OpenKit(other.path).data[role]
+    lines = failed(verify_kit(kit.save(consistent=True), quick=True))
+    assert lines.keys() - (GUARDS - {role}), lines
 
 
 def test_an_unchanged_kit_passes(small_kit: Kit, copied: Copy) -> None:
