@@ -246,7 +246,7 @@ def _best(lines: Sequence[Line], question: Question) -> list[Line]:
         preferred = coverlay.index(True) if any(coverlay) else 0
         return (line.least_mm or np.inf, len(line.design.warnings), line.design.directions, line.parts, preferred)
 
-    def beaten(line: Line) -> bool:
+    def dominated(line: Line) -> bool:
         mine = figures(line)
         # Pareto: no worse in any figure, and different in at least one
         return any(figures(o) != mine and all(a <= b for a, b in zip(figures(o), mine, strict=True)) for o in lines)
@@ -255,7 +255,7 @@ def _best(lines: Sequence[Line], question: Question) -> list[Line]:
         least_mm, warnings, directions, parts, _ = figures(line)
         return (0.0, warnings, directions, parts) if line.reaches(contact_mm) else (1.0, least_mm, warnings)
 
-    return sorted((line for line in lines if line.least_mm is not None and not beaten(line)), key=order) or sorted(
+    return sorted((line for line in lines if line.least_mm is not None and not dominated(line)), key=order) or sorted(
         lines, key=lambda line: line.noise_um / max(line.height_um, 1e-9)
     )
 

@@ -135,7 +135,7 @@ class ReachProblem(Problem):
     """A problem of capacity: valid numbers that exceed the code's range."""
 
 
-def sound(found: Iterable[Problem], known: Sequence[Problem]) -> list[Problem]:
+def independent(found: Iterable[Problem], known: Sequence[Problem]) -> list[Problem]:
     """The problems that do not depend on a value that is already refused."""
     # a problem without a key concerns no option, so nothing depends on it
     refused = {problem.root for problem in known} - {""}

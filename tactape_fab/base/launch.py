@@ -147,7 +147,7 @@ class Children:
         self._running: list[subprocess.Popen[str]] = []
         self._stopped = False
 
-    def adopt(self) -> None:
+    def register_thread(self) -> None:
         """Register the programs that the calling thread runs from now on; the initializer of a ThreadPoolExecutor."""
         _of_thread.children = self
 

@@ -23,7 +23,7 @@ from tactape_fab.cli.printing import clear_step, echo_lines_err
 if TYPE_CHECKING:
     from tactape_fab.sense.files.jobs import Located
     from tactape_fab.sense.live.counts import Tally
-    from tactape_fab.sense.live.opening import Wanted, Wishes
+    from tactape_fab.sense.live.opening import SourceSettings, Wanted
     from tactape_fab.sense.live.watch import Watch
     from tactape_fab.sense.objects.taped_object import TapedObject
 
@@ -137,7 +137,9 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
                 "no source is given; give SOURCE, such as a folder, or --sensor NAME=SENSOR:SOURCE for each of several sensors"
             )
             raise SpecError(Problem("source", message))
-        return [Wanted(sensor=sensors[-1] if sensors else "gelsight-mini", source=source, wishes=_wishes("", (), given))], []
+        return [
+            Wanted(sensor=sensors[-1] if sensors else "gelsight-mini", source=source, settings=_source_settings("", (), given))
+        ], []
     plain = [text for text in sensors if not _NAMED.fullmatch(text)]
     if plain:
         message = f"sensor = {shown(plain[0])} has no name and others have; give NAME=SENSOR:SOURCE for each"
@@ -145,7 +147,10 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
     if source is not None and not (is_kit(source) or is_packed(Path(source))):
         message = f"source = {shown(source)} stands beside --sensor NAME=SENSOR:SOURCE, which has its own; leave it out"
         raise SpecError(Problem("source", message))
-    wanted = [Wanted(name=found[1], sensor=found[2], source=found[3], wishes=_wishes(found[1], names, given)) for found in named]
+    wanted = [
+        Wanted(name=found[1], sensor=found[2], source=found[3], settings=_source_settings(found[1], names, given))
+        for found in named
+    ]
     return wanted, [] if source is None else [source]
 
 
@@ -165,9 +170,9 @@ def _refuse_other_names(names: Sequence[str], given: Mapping[str, Any]) -> None:
     )
 
 
-def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes:
+def _source_settings(name: str, names: Sequence[str], given: Mapping[str, Any]) -> SourceSettings:
     """Settings for reading a sensor's source: values given for its name, else those given without a name."""
-    from tactape_fab.sense.live.opening import Wishes
+    from tactape_fab.sense.live.opening import SourceSettings
 
     def value(option: str, read: Callable[[str], Any] = str) -> Any:
         # a value with another sensor's name is not for this one; the last of several counts
@@ -177,7 +182,7 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
 
     background, weights = value("background"), value("weights")
     some_raw = bool(names) and any(given[option] for option in ("background", "weights"))
-    return Wishes(
+    return SourceSettings(
         rate=value("rate", hertz),
         idle=value("idle", seconds),
         crop=value("crop", pair),

@@ -264,7 +264,7 @@ def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Ite
         f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window "
         f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use --size "
         f"{max(spec.size_mm[0], least[0]):g}x{max(spec.size_mm[1], least[1]):g}"
-        + (", or --tag none" if spec.tag == "strip" and _holds(spec.but(tag="none", tag_id=None), code, claim) else ""),
+        + (", or --tag none" if spec.tag == "strip" and _holds(spec.with_values(tag="none", tag_id=None), code, claim) else ""),
         needs=(*claim.needs, "code", "corner_radius_mm"),
     )
 
@@ -351,7 +351,7 @@ def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
 
 
 def _cuts_tag(spec: TapeSpec, size_mm: tuple[float, float], claim: Claim) -> bool:
-    return any(_tag_problems(spec.but(size_mm=size_mm), claim.ink_edge_mm))
+    return any(_tag_problems(spec.with_values(size_mm=size_mm), claim.ink_edge_mm))
 
 
 def _plan_tag(spec: TapeSpec) -> Tag | None:

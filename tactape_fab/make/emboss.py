@@ -223,7 +223,7 @@ def _on_mesh(tape: Tape, source: _Source, placement: Placement, unit: str, progr
     refuse_far_away(mesh.vertices_mm)
     mesh = closed_mesh(mesh)
     progress("mapping", 0, tape.part_count)
-    laid = laid_well(tape, lambda at: MeshChart(mesh, replace(placement, at_mm=at)), placement, _sides_mm(mesh))
+    laid = lay_out_within_error(tape, lambda at: MeshChart(mesh, replace(placement, at_mm=at)), placement, _sides_mm(mesh))
     return _Made(laid=laid, fused=fuse_mesh(mesh, laid, progress))
 
 
@@ -236,7 +236,7 @@ def _sides_mm(mesh: Mesh) -> list[Point]:
     return [(float(x), float(y), float(z)) for x, y, z in (facets.nearest(point)[1] for point in far)]
 
 
-def laid_well(
+def lay_out_within_error(
     tape: Tape, chart_at: Callable[[Point | None], Chart], placement: Placement, others_mm: Sequence[Point] = ()
 ) -> LaidOut:
     """The texture at the given place, or by default at a place where the error of its pitch is within `MOST_PITCH_ERROR`.
@@ -305,7 +305,7 @@ def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
     mesh = model.tessellated()
     # the remaining time grows with the number of elements; 60 more stand for the base cost
     limit_self(cpu_s=_FUSING_S * (60 + tape.part_count), memory_bytes=_FUSING_BYTES)
-    laid = laid_well(tape, lambda _: chart, placement)
+    laid = lay_out_within_error(tape, lambda _: chart, placement)
     fused = fuse_mesh(mesh, laid, progress, chord_error_mm=model.chord_error_mm)
     stamp = build_date().replace(tzinfo=None).isoformat()
     step = embossed_step(model.solid, chart.surface, laid, stamp, progress)

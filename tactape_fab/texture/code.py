@@ -29,7 +29,7 @@ sequences: The plane, if it is made of number sequences along its axes.
 half_turns: Whether it has separate distances for tapes whose parts show their quarter turn, as long parts do.
 proven: Proven least distance in bits, by shape of `touch.patches.PATCHES`, between patches at any two places of all sectors
     at a known turn; empty if nothing is proven.
-vouched: Proof of a tape's symbols, for messages after "symbols ...".
+proven_by: Proof of a tape's symbols, for messages after "symbols ...".
 another: Option that selects another texture.
 default_origin: Default (column, row) of a sector's tape.
 symbols: Symbols of a new tape of a shape (rows, columns); a designed matrix differs from those of `avoid`. `half_turns` says

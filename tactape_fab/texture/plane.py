@@ -64,7 +64,7 @@ class TapesOfPlane(ABC):
         """The code itself."""
 
     @property
-    def vouched(self) -> str:
+    def proven_by(self) -> str:
         return f"as code '{self.plane.name}' has them"
 
     def symbols(

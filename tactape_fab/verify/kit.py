@@ -47,7 +47,7 @@ from tactape_fab.verify.layers.board import check_outline
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
-from tactape_fab.verify.layers.film_layers import FilmManifest, pardoned
+from tactape_fab.verify.layers.film_layers import FilmManifest, forced_as_warnings
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
 from tactape_fab.verify.layers.kicad_drawn import Made
@@ -121,7 +121,7 @@ def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Tri
     tape, kind, film = record.tape, record.kind, record.film
     problems = contradictions(record.manifest, tape)
     message = (
-        named([p.message for p in problems]) if problems else f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}"
+        named([p.message for p in problems]) if problems else f"{tape.part_count} parts, symbols {get_code(tape.code).proven_by}"
     )
     yield Check(name="manifest", passed=not problems, message=message)
     listed, file_checks = read_files(manifest_file.parent, record.manifest, count_of(tape))
@@ -161,7 +161,7 @@ def _check_kit(
         yield from () if cpl is None else check_cpl(cpl, tape, film.assembly, film.lands.pads)
         yield check_bom(files["bom"].data, tape.designators(), film.assembly)
         yield check_order_notes(files, tape, film=film)
-        yield from pardoned(_check_film(tape, film, files, cpl, sources, quick=asked.quick), film.film)
+        yield from forced_as_warnings(_check_film(tape, film, files, cpl, sources, quick=asked.quick), film.film)
     yield check_certificate(files[CERTIFICATE], tape)
     xy_mm, part = tape.part_xy_mm(), tape.part
     angles = np.full(len(xy_mm), part.rotation_deg)

@@ -47,7 +47,7 @@ from tactape_fab.verify.kit import verify_folder
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
-from tactape_fab.verify.layers.film_layers import FilmManifest, pardoned
+from tactape_fab.verify.layers.film_layers import FilmManifest, forced_as_warnings
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
 from tactape_fab.verify.layers.kicad_drawn import Made
@@ -134,7 +134,7 @@ def _checks(
         message = f"nothing further can be checked without {named(missing) or 'an arrangement that holds together'}"
         yield Check(name="content", passed=False, message=message)
     else:
-        yield from pardoned(_check_content(record, tapes, files, quick=quick), record.film.film)
+        yield from forced_as_warnings(_check_content(record, tapes, files, quick=quick), record.film.film)
 
 
 def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
@@ -245,7 +245,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     checks.append(check_order_notes(files, tapes[0].tape, ordered, film=film))
     checks += check_rails(layers.gerbers, layers.holes, panel, tapes)
     for on in tapes:
-        lines = pardoned(_check_tape(on, layers, files, quick=quick), on.film.film)
+        lines = forced_as_warnings(_check_tape(on, layers, files, quick=quick), on.film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
     made = Made(
         name=record.name,

@@ -245,7 +245,7 @@ def test_a_kit_of_another_run_is_not_replaced(here: Path, monkeypatch: pytest.Mo
     """A run that makes a kit of the same name meanwhile, of another W or of the same."""
     specs = [TapeSpec(sector=sector, size_mm=(20.0, 20.0), models=False) for sector in (1, 2)]
     listed = list_tapes({"models": False, "size_mm": (20, 20)}, {"sectors": "1-2"}, here / "lab")
-    for spec in (specs[0].but(pitch_mm=1.6), specs[1]):
+    for spec in (specs[0].with_values(pitch_mm=1.6), specs[1]):
         make_kit(spec, here / "lab" / spec.name, verify=False)
     before = contents(here / "lab")
     monkeypatch.setattr("tactape_fab.make.many.time.time", lambda: 0.0)  # both kits are younger than this run

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound, tried
+from tactape_fab.base.errors import Finding, Problem, SpecError, independent, refusal, tried
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.examine.together import of_sector, other_sectors, sector_words, together_findings
@@ -138,11 +138,11 @@ def examine_order(
     request, problems = read_panel_request(values, films=spec.fab is not None)
     # a fab profile that cannot be read is reported by `examine`
     fab = None if spec.fab is None else tried(lambda: load_fab(str(spec.fab)), [])
-    if request.wished and spec.fab is None:
+    if request.asked_for and spec.fab is None:
         message = f"panel = '{values['panel']}' is of films with parts, but part = '{spec.part}' is printed or milled; "
         problems.append(Problem("panel", message + "leave out --panel"))
     by_profile = request.mode is None and fab is not None and fab.panel.make == "auto"
-    if not (request.wished or by_profile):
+    if not (request.asked_for or by_profile):
         problems += _without_panel(values, films=spec.fab is not None) if request.mode is None else []
         if request.sectors:
             tape_values = {"sector": request.sectors[0], **tape_values}
@@ -161,7 +161,7 @@ def examine_order(
     except SpecError as error:
         # the panel reports one tag id for all tapes; the tape's own problem with that id would be a repetition
         of_tape = [p for p in error.problems if p.root != "tag_id" or all(q.root != "tag_id" for q in of_panel)]
-        raise refusal([*of_tape, *sound(of_panel, of_tape)], error.findings) from None
+        raise refusal([*of_tape, *independent(of_panel, of_tape)], error.findings) from None
     if alone:
         return examine(base_values, output=output, overwrite=overwrite, avoid=avoid), (_no_panel(spec.size_mm, base.fab),)
     if of_panel:

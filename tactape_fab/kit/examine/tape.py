@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast
 
-from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound, tried
+from tactape_fab.base.errors import Finding, Problem, SpecError, independent, refusal, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_path import as_path
 from tactape_fab.kit.examine.together import of_sector, other_sectors, together_findings
@@ -150,7 +150,7 @@ def examine(
     if output is not None:
         tried(lambda: refuse_taken(as_path(output, "output", "the folder of the kit"), overwrite=overwrite), problems)
     spec = asked if isinstance(asked, TapeSpec) else _read(asked, avoid, problems)
-    problems += sound(_avoid_problems(spec, avoid), problems)
+    problems += independent(_avoid_problems(spec, avoid), problems)
     spec, profiles = _profiles(spec, problems)
     if profiles is None:
         raise refusal(problems)
@@ -226,14 +226,14 @@ def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profil
     part = None if any(p.root == "part" for p in problems) else tried(lambda: read_part(spec.part), problems)
     if isinstance(part, PartProfile) and fab is not None:
         found = film_problems(spec, fab, part)
-        problems += sound([replace(problem, needs=("fab",)) for problem in found], problems)
+        problems += independent([replace(problem, needs=("fab",)) for problem in found], problems)
         # refused options get their defaults, so that the others are still examined
-        spec = spec.but(**{problem.root: DEFAULTS[problem.root] for problem in found})
+        spec = spec.with_values(**{problem.root: DEFAULTS[problem.root] for problem in found})
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
         if spec.part_number is not None:
             message = part_number_problem(spec.part_number, fab.assembly)
             wrong = [] if message is None else [Problem("part_number", message, needs=("assembly", "fab"))]
-            problems += sound(wrong, problems)
+            problems += independent(wrong, problems)
             part = replace(part, part_numbers={**part.part_numbers, fab.assembly: spec.part_number})
         return spec, Profiles(fab=fab_for(spec, fab, part), part=part, process=process)
     if isinstance(part, ElementProfile) and spec.body_mm is not None:
@@ -285,15 +285,15 @@ def _planned(
         if spec.origin != BEST or problems:
             return spec, tape, None
         choice = choose_origin(get_plane(spec.code), spec.sector, tape.placed, avoid)
-        spec = spec.but(origin=choice.origin)
+        spec = spec.with_values(origin=choice.origin)
         return spec, profiles.plan(spec), choice
     except SpecError as error:
-        problems += sound(error.problems, problems)
+        problems += independent(error.problems, problems)
         refused = {problem.root for problem in error.problems}
     # refused keys of the board are replaced by values that are always valid; the others stay
     board = {"holes_mm": (), "corner_radius_mm": 0.0, "size_mm": DEFAULT_SIZE_MM}
     board = board if "size_mm" in refused else {key: value for key, value in board.items() if key in refused}
-    spec = spec.but(**board, code=DEFAULT_CODE, sector=0, origin=(0, 0), directions=USUAL_DIRECTIONS)
+    spec = spec.with_values(**board, code=DEFAULT_CODE, sector=0, origin=(0, 0), directions=USUAL_DIRECTIONS)
     return spec, tried(lambda: profiles.plan(spec), []), None
 
 
@@ -304,7 +304,7 @@ def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape
         if not has_plane(spec.code):
             return None
         other = tried(lambda: choose_origin(get_plane(spec.code), sector, tape.placed, avoid), [])
-        return None if other is None else of_sector(spec.but(origin=other.origin), profiles.plan, sector)
+        return None if other is None else of_sector(spec.with_values(origin=other.origin), profiles.plan, sector)
 
     def remedy(found: Sequence[Conflict]) -> str:
         own = [replace(conflict, tapes=(conflict.tapes[1], 0)) for conflict in found[:1]]
@@ -342,7 +342,7 @@ def _measured(
     # the keys on which a problem of the models depends: it is dropped if one of these was refused
     needs: dict[str, tuple[str, ...]] = {"part": ELEMENT_KEYS, "holes_mm": (), "rotation_deg": ()}
     refused = [*problems, *([Problem("size_mm", "")] if resized else [])]
-    problems += sound([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], refused)
+    problems += independent([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], refused)
     return film, findings
 
 

@@ -170,7 +170,7 @@ class _Drawn:
         """The same tape at the best origin."""
         spec, placed = self.spec, self.planned.placed
         choice = tried(lambda: choose_origin(get_plane(spec.code), spec.sector, placed), [])
-        return None if choice is None else tried(lambda: self.profiles.plan(spec.but(origin=choice.origin)), [])
+        return None if choice is None else tried(lambda: self.profiles.plan(spec.with_values(origin=choice.origin)), [])
 
 
 @dataclass(slots=True, kw_only=True)

@@ -96,7 +96,7 @@ def of_sector(spec: TapeSpec, plan: Callable[[TapeSpec], Tape], sector: int) -> 
     if sector >= get_code(spec.code).sectors:
         return None
     followed = spec.origin == default_origin(spec.code, spec.sector)
-    other = spec.but(
+    other = spec.with_values(
         sector=sector,
         origin=default_origin(spec.code, sector) if followed else spec.origin,
         tag_id=sector if spec.tag_id == spec.sector else spec.tag_id,

@@ -40,7 +40,7 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
         message = f"anchor = 'mesh' contradicts rotation_deg = {spec.rotation_deg:g} deg: its webs lie along the parts"
         turned, spurs = (
             film_remedy(other, fab, part).options()
-            for other in (spec.but(rotation_deg=45.0, anchor="mesh"), spec.but(anchor="spur"))
+            for other in (spec.with_values(rotation_deg=45.0, anchor="mesh"), spec.with_values(anchor="spur"))
         )
         ways = [f"--rotation 45 {turned}"] * (turned is not None) + [f"--anchor spur {spurs}"] * (spurs is not None)
         problems.append(Problem("anchor", f"{message}; use {', or '.join(way.strip() for way in [*ways, '--anchor none'])}"))
@@ -55,7 +55,7 @@ def _other_fab(spec: TapeSpec, part: PartProfile, mode: str) -> str:
     fab = load_fab(name)
     if not _large_openings(part, fab):
         return ""
-    options = film_remedy(spec.but(fab=name), fab, part, ["opening-bridge"]).options()
+    options = film_remedy(spec.with_values(fab=name), fab, part, ["opening-bridge"]).options()
     mode_words = "" if spec.coverlay in (None, mode) else f"--coverlay {mode} "
     return "" if options is None else f"{mode_words}--fab {name} {options}".strip()
 
@@ -165,7 +165,9 @@ def _anchor_remedy(name: str, part: PartProfile, spec: TapeSpec, fab: FabProfile
     if spec.coverlay == "gang" or fab.coverlay_modes[0] == "gang" or not _large_openings(part, fab):
         return ""
     with_it = (
-        spec.but(anchor=name, rotation_deg=45.0) if name == "mesh" and spec.rotation_deg % 90.0 != 45.0 else spec.but(anchor=name)
+        spec.with_values(anchor=name, rotation_deg=45.0)
+        if name == "mesh" and spec.rotation_deg % 90.0 != 45.0
+        else spec.with_values(anchor=name)
     )
     options = film_remedy(with_it, fab, part).options()
     if options is None:
@@ -217,7 +219,7 @@ def _cell_options(layout: Layout, spec: TapeSpec, fab: FabProfile) -> str:
     """Options for a tag cell that is wide enough, and for the outline that its strip needs."""
     # rounded before ceil, as a sum of decimals may lie just above the next micrometre
     cell_mm = ceil(round((fab.legend.line_mm + 2 * fab.legend.bleed_mm) * 1000, 3)) / 1000
-    size_mm = film_size_mm(spec.but(tag_cell_mm=cell_mm), fab, layout.part)
+    size_mm = film_size_mm(spec.with_values(tag_cell_mm=cell_mm), fab, layout.part)
     return f"--tag-cell {cell_mm:g}" + ("" if size_mm == spec.size_mm else f" --size {size_mm[0]:g}x{size_mm[1]:g}")
 
 

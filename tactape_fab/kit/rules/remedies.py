@@ -120,7 +120,7 @@ class Remedy:
             return None
         # a remedy does not make W smaller
         pitch_mm = max(whole_um_up(pitch_mm), spec.pitch_mm)
-        size = self._size(spec.but(pitch_mm=pitch_mm, displacement_mm=displacement_mm))
+        size = self._size(spec.with_values(pitch_mm=pitch_mm, displacement_mm=displacement_mm))
         return f"--w {pitch_mm:g} --delta {displacement_mm:g}{size}"
 
     def smaller(self) -> float | None:
@@ -230,7 +230,7 @@ def wider_words(spec: TapeSpec, fab: FabProfile, part: PartProfile, rule: str) -
     """Remedy for a gap rule of a film: W and Δ, or Δ, or parts rotated by 45 degrees."""
     parts = [words] if (words := film_remedy(spec, fab, part, [rule]).words()) else []
     if spec.rotation_deg % 90.0 != 45.0:
-        turned = film_remedy(spec.but(rotation_deg=45.0), fab, part, [rule]).options()
+        turned = film_remedy(spec.with_values(rotation_deg=45.0), fab, part, [rule]).options()
         if turned == "":
             parts.append("--rotation 45" if parts else "use --rotation 45")
     return ", or ".join(parts) or f"no W up to {MOST_PITCH_MM:g} mm does; use another --part"

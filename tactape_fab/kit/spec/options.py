@@ -73,7 +73,7 @@ def _process(table: Fields, usual: str | None) -> str | None:
     return _profile_name(table, "process", "processes", usual) if "process" in table.values else usual
 
 
-def _meant(name: str, known: Sequence[str]) -> str:
+def _suggestion(name: str, known: Sequence[str]) -> str:
     """Remedy with the profile that was probably meant; for a chip size, with the chips that come with the package."""
     size = _CHIP_SIZE.fullmatch(name)
     if size is None:
@@ -89,6 +89,6 @@ def _profile_name(table: Fields, key: str, kind: str, usual: str | None) -> str 
     name = table.text(key, longest=4096)
     if name and not name.endswith(".toml") and name not in (known := profile_names(kind)):
         table.problem(
-            key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file{_meant(name, known)}"
+            key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file{_suggestion(name, known)}"
         )
     return usual if table.refused(key) else name

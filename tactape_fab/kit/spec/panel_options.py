@@ -37,7 +37,7 @@ class PanelRequest:
     tabs: str
 
     @property
-    def wished(self) -> bool:
+    def asked_for(self) -> bool:
         """Whether a panel was asked for explicitly."""
         return self.mode in ("auto", "given")
 

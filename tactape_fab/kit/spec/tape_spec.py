@@ -179,7 +179,7 @@ class TapeSpec:
             raise refusal(problems)
         return spec
 
-    def but(self, **values: Any) -> TapeSpec:
+    def with_values(self, **values: Any) -> TapeSpec:
         """Copy of the spec with some values replaced, which are not checked.
 
         Parameters

@@ -182,7 +182,7 @@ def _adjusted(
         presses, answers = located(images, tapes, sensor)
         refuse_few(presses, answers, whole, bad)
         # only surrounded dots: a shift by the rim that is the same in all presses would be taken for distortion
-        kept, bundle, estimate = adjust([press.taken(press.amid) for press in presses], sensor)
+        kept, bundle, estimate = adjust([press.taken(press.interior) for press in presses], sensor)
         after = _corner_mm(bundle)
         if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
             break

@@ -40,7 +40,7 @@ class Press:
     rim_mm (n, 2): Correction of dots at the rim, on the gel along u and v.
     texture_mm (n, 2): Positions of their parts: as built if the answer rests on those, else nominal.
     weights (n,): Height over that of a whole dot, times trust; at most 1.
-    amid (n,): Dots with others on all sides, and off the image's sides: free of shifts by the filter that are the same in all
+    interior (n,): Dots with others on all sides, and off the image's sides: free of shifts by the filter that are the same in all
         presses.
     pushed, pulled (n, 2): Shift of each by neighbours and by the rim, along u and v, for a push and a pull of 1; see
         `decode.grid.posterior`.
@@ -54,7 +54,7 @@ class Press:
     rim_mm: FloatArray
     texture_mm: FloatArray
     weights: FloatArray
-    amid: BoolArray
+    interior: BoolArray
     pushed: FloatArray
     pulled: FloatArray
     position_mm: tuple[float, float]
@@ -96,7 +96,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
     # of u and v each, from either side
     side_px = SIDE_MM * np.array(sensor.px_per_mm)
     inside = (np.abs(dots.seen_px - sensor.centre_px) < sensor.centre_px - side_px).all(axis=1) & used
-    inside &= amid(np.asarray(cells * tape.pitch_mm, dtype=np.float64), inside, REACH_PITCHES * tape.pitch_mm)
+    inside &= interior(np.asarray(cells * tape.pitch_mm, dtype=np.float64), inside, REACH_PITCHES * tape.pitch_mm)
     # cells of dots beside the tape are -1, and would index its last row
     cells = cells[used]
     symbols = tape.symbols[cells[:, 1], cells[:, 0]]
@@ -115,7 +115,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
         rim_mm=((dots.xy_px - square) / sensor.px_per_mm[0])[used],
         texture_mm=texture_mm,
         weights=weights[used],
-        amid=inside[used],
+        interior=inside[used],
         pushed=pushed,
         pulled=pulled,
         position_mm=fix.position_mm,
@@ -123,7 +123,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
     )
 
 
-def amid(at_mm: FloatArray, of: BoolArray, reach_mm: float) -> BoolArray:
+def interior(at_mm: FloatArray, of: BoolArray, reach_mm: float) -> BoolArray:
     """Dots with neighbours on all sides; all dots of `of` where too few have. The rim draws the others by micrometres, alike in
     all presses: with them the aspect and k1 of a calibration are off by 3 and by 9 in ten thousand, without by 1 and 6.
 

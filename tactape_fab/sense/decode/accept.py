@@ -22,7 +22,7 @@ from tactape_fab.sense.decode.result import Localization, status_of
 from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, SCALE_ERROR, Limits, bound_of, least_agreeing, share_of_others
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
-from tactape_fab.sense.decode.search.search import Place, rivals, strangers
+from tactape_fab.sense.decode.search.search import Place, best_unregistered, rivals
 from tactape_fab.sense.decode.search.single_place import parts_under
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray, texture_to_board
@@ -198,7 +198,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
     if refused and place.most_evidence < clear:
         return registered
     if refused:
-        found = strangers(world.families, place, world.unregistered_share, clear)
+        found = best_unregistered(world.families, place, world.unregistered_share, clear)
     else:
         # a smaller precision takes longer: p_place only has to be known to a tenth of what is allowed
         chance = p_tape > _BY_CHANCE * limits.max_p_false

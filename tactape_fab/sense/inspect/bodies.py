@@ -277,7 +277,7 @@ def _all_turns(
 
 def _channels(samples: Samples, palette: Palette) -> Samples:
     """Body-ness and brightness of the samples; (n, 2, m)."""
-    return np.stack([palette.bodyness(samples), np.minimum(palette.grey(samples), 2.2)], axis=1)
+    return np.stack([palette.body_share(samples), np.minimum(palette.grey(samples), 2.2)], axis=1)
 
 
 def _ends(template: Template, grid: PatchGrid, tape: Tape) -> FloatArray:
@@ -312,7 +312,7 @@ def _centroids(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
     # not as far as the nearest that a neighbour may be
     reach = min(0.75 * length, 0.45 * (tape.pitch_mm - 2 * tape.displacement_mm))
     grid = patch_grid(reach, reach, min(warp.px_per_mm, 30.0))
-    body = palette.bodyness(sample(picture, warp, sites_mm, 0.0, grid))
+    body = palette.body_share(sample(picture, warp, sites_mm, 0.0, grid))
     near = (np.hypot(grid.a_mm, grid.b_mm) < reach).astype(np.float32)
     body = np.where(body > LIKE_BODY, body, 0.0) * near
     mass = body.sum(axis=1, dtype=np.float64)

@@ -40,7 +40,7 @@ class Palette:
     film: FloatArray
     body_axis: FloatArray
 
-    def bodyness(self, samples: Samples) -> Samples:
+    def body_share(self, samples: Samples) -> Samples:
         """Body-ness of the samples: 1 on bodies, 0 on film and metal; clipped to -0.2 ... 1.2."""
         axis = self.body_axis.astype(np.float32)
         return np.asarray(np.clip(samples @ axis[:3] + axis[3], -0.2, 1.2), dtype=np.float32)

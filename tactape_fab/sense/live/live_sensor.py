@@ -15,7 +15,7 @@ from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.sense.decode.result import refuse_no_answer
 from tactape_fab.sense.live.counts import Tally
-from tactape_fab.sense.live.opening import Wanted, Wishes, open_watches
+from tactape_fab.sense.live.opening import SourceSettings, Wanted, open_watches
 from tactape_fab.sense.live.watch import watch
 from tactape_fab.texture.registry import refuse_equal_names
 from tactape_fab.texture.tape import refuse_no_tapes
@@ -73,13 +73,13 @@ class LiveSensor:
         for key, path in (("background", background), ("weights", weights)):
             if path is not None:
                 as_path(path, key, "the path of a file")
-        wishes = Wishes(rate=rate, raw=raw, background=background, weights=weights, crop=crop)
+        settings = SourceSettings(rate=rate, raw=raw, background=background, weights=weights, crop=crop)
         source = str(as_path(source, "source", "a folder, a file of frames, a camera or - for standard input"))
         given = [kits] if isinstance(kits, str | PathLike) or not isinstance(kits, Iterable) else kits
         refuse_other(raw, bool, "raw", "bool", "True or False")
         sensor = str(as_path(sensor, "sensor", "the name of a profile or a .toml file"))
         paths = [str(as_path(kit, "kits", "the paths of kits")) for kit in given]
-        wanted = Wanted(sensor=sensor, source=source, wishes=wishes)
+        wanted = Wanted(sensor=sensor, source=source, settings=settings)
         (self._watched,) = open_watches([wanted], paths, (), world=world, max_p_false=max_p_false)
         self._latest: Located | None = None
         self._came_s, self._troubles = 0.0, list[str]()

@@ -35,7 +35,7 @@ _SOURCES = "give a folder, a file of frames, - for standard input, or with raw=T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wishes:
+class SourceSettings:
     """A user's options for reading a source; None if not given.
 
     rate: Hz of a replay.
@@ -61,7 +61,7 @@ class Wanted:
     name: str = ""
     sensor: str
     source: str
-    wishes: Wishes
+    settings: SourceSettings
 
 
 Outputs = Sequence[tuple[str, str, str | None]]
@@ -85,12 +85,12 @@ def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs
         message = f"sensors {', '.join(of_pipe)} all read standard input, and each would get some; give folders for the others"
         problems.append(Problem("sensor", message))
     first = wanted[0]
-    job = prepare_without_frames(kits, first.sensor, problems, colour=first.wishes.raw, **options)
+    job = prepare_without_frames(kits, first.sensor, problems, colour=first.settings.raw, **options)
     for key, ending, path in outputs:
         if path is not None:
             tried(partial(_refuse_output, key, Path(path), ending), problems)
     messages = any(key == "mcap" and path is not None for key, _, path in outputs)
-    jobs: dict[tuple[str, bool], Job] = {} if job is None else {(first.sensor, first.wishes.raw): job}
+    jobs: dict[tuple[str, bool], Job] = {} if job is None else {(first.sensor, first.settings.raw): job}
     watches = []
     for one in wanted:
         own: list[Problem] = []
@@ -110,46 +110,46 @@ def _opened(
     one: Wanted, job: Job | None, jobs: dict[tuple[str, bool], Job], messages: bool, problems: list[Problem]
 ) -> Watch | None:
     """One sensor with its source; None where there are problems. Sensors of one profile share it, and all share the tapes."""
-    wishes, key = one.wishes, (one.sensor, one.wishes.raw)
-    of_colours = {"background": wishes.background, "weights": wishes.weights, "crop": wishes.crop}
+    settings, key = one.settings, (one.sensor, one.settings.raw)
+    of_colours = {"background": settings.background, "weights": settings.weights, "crop": settings.crop}
     problems += [
         Problem(key, f"{key} = {shown(value)} is for colour images; give raw=True with it, or leave it out")
         for key, value in of_colours.items()
-        if value is not None and not wishes.raw
+        if value is not None and not settings.raw
     ]
-    rate_hz, idle_s, crop = _read_wishes(wishes, problems)
+    rate_hz, idle_s, crop = _read_settings(settings, problems)
     if job is not None and key not in jobs:
         profile = tried(lambda: load_sensor(one.sensor), problems)
         if profile is not None:
-            jobs[key] = replace(job, sensor=of_colour_images(profile) if wishes.raw else profile)
+            jobs[key] = replace(job, sensor=of_colour_images(profile) if settings.raw else profile)
     own = jobs.get(key)
     if own is None:
         return None
-    found = tried(partial(_source, one.source, wishes, rate_hz, idle_s, crop, own.sensor), problems)
+    found = tried(partial(_source, one.source, settings, rate_hz, idle_s, crop, own.sensor), problems)
     if messages and not (found is None or found[1]):
         message = f"{shown_path(one.source)} holds no timestamps, and messages need some; give rate=HZ, at which it was taken"
         problems.append(Problem("mcap", message))
     colours = None
-    if wishes.raw:
-        colours = open_reconstruction(wishes.background, wishes.weights, own.sensor, problems)
+    if settings.raw:
+        colours = open_reconstruction(settings.background, settings.weights, own.sensor, problems)
     return None if found is None else Watch(job=own, source=found[0], reconstruction=colours)
 
 
-def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None, float | None, Crop | None]:
-    table = Fields({"rate": wishes.rate, "idle": wishes.idle, "crop": wishes.crop}, problems=problems)
+def _read_settings(settings: SourceSettings, problems: list[Problem]) -> tuple[float | None, float | None, Crop | None]:
+    table = Fields({"rate": settings.rate, "idle": settings.idle, "crop": settings.crop}, problems=problems)
     rate_hz = None
-    if isinstance(wishes.rate, str) and wishes.rate == "max":
+    if isinstance(settings.rate, str) and settings.rate == "max":
         rate_hz = float("inf")
-    elif wishes.rate is not None:
+    elif settings.rate is not None:
         rate_hz = table.number("rate", low=LEAST_HZ, high=MOST_HZ, unit="Hz", remedy="give a number of Hz, or max", default=1.0)
-    idle_s = None if wishes.idle is None else table.number("idle", above=0.0, unit="s", default=1.0)
+    idle_s = None if settings.idle is None else table.number("idle", above=0.0, unit="s", default=1.0)
     crop = None
-    if wishes.crop is not None:
+    if settings.crop is not None:
         remedy = "give U,V,WIDTH,HEIGHT in pixels of the camera's image"
         u, v, width, height = table.integers("crop", 4, low=0, high=100_000, remedy=remedy, default=(0, 0, 1, 1))
         crop = (u, v, width, height)
         if width * height == 0:
-            table.problem("crop", f"crop = {shown(wishes.crop)} cuts out nothing; {remedy}")
+            table.problem("crop", f"crop = {shown(settings.crop)} cuts out nothing; {remedy}")
     return rate_hz, idle_s, crop
 
 
@@ -166,10 +166,10 @@ def _other_list(path: Path) -> bool:
 
 
 def _source(
-    given: str, wishes: Wishes, rate_hz: float | None, idle_s: float | None, crop: Crop | None, sensor: SensorProfile
+    given: str, settings: SourceSettings, rate_hz: float | None, idle_s: float | None, crop: Crop | None, sensor: SensorProfile
 ) -> tuple[Source, bool]:
     """A source, and whether its frames have timestamps. Raises SpecError."""
-    path, keep = camera_named(given.removeprefix(USB)) if given.startswith(USB) else Path(given), wishes.no_drop
+    path, keep = camera_named(given.removeprefix(USB)) if given.startswith(USB) else Path(given), settings.no_drop
     problems: list[Problem] = []
     try:
         mode = 0 if given == STANDARD_INPUT else path.stat().st_mode
@@ -187,18 +187,18 @@ def _source(
         message = f"source {shown_path(given)} cannot be opened: it is no regular file, as a film is; {_SOURCES}"
         problems.append(Problem("source", message))
     if rate_hz is not None and not (film or plain):
-        message = f"rate = {shown(wishes.rate)} is for files of frames; other sources set their own pace; leave it out"
+        message = f"rate = {shown(settings.rate)} is for files of frames; other sources set their own pace; leave it out"
         problems.append(Problem("rate", message))
     if idle_s is not None and not folder:
-        message = f"idle = {shown(wishes.idle)} is for folders, which nothing else tells when to stop; leave it out"
+        message = f"idle = {shown(settings.idle)} is for folders, which nothing else tells when to stop; leave it out"
         problems.append(Problem("idle", message))
-    if crop is not None and wishes.raw and not (camera or film):
-        message = f"crop = {shown(wishes.crop)} is for cameras; cut the images of a folder when they are written"
+    if crop is not None and settings.raw and not (camera or film):
+        message = f"crop = {shown(settings.crop)} is for cameras; cut the images of a folder when they are written"
         problems.append(Problem("crop", message))
-    if (camera or film) and not wishes.raw:
+    if (camera or film) and not settings.raw:
         message = f"a {'camera' if camera else 'film'} has colour images; give raw=True with background=FILE and weights=FILE"
         problems.append(Problem("raw", message))
-    if wishes.raw and (plain or given == STANDARD_INPUT):
+    if settings.raw and (plain or given == STANDARD_INPUT):
         message = f"raw = True is for a camera, a film ({', '.join(FILMS)}) or a folder of images, not for {shown_path(given)}"
         problems.append(Problem("raw", f"{message}; leave it out"))
     refuse(problems)
@@ -210,7 +210,9 @@ def _source(
             raise SpecError(Problem("source", message)) from None
         return stream_source(stdin, keep=keep), True
     if folder:
-        return folder_source(path, COLOUR_PICTURES if wishes.raw else SUFFIXES, colour=wishes.raw, keep=keep, idle_s=idle_s), True
+        return folder_source(
+            path, COLOUR_PICTURES if settings.raw else SUFFIXES, colour=settings.raw, keep=keep, idle_s=idle_s
+        ), True
     if camera:
         return camera_source(path, sensor.frame_shape, crop, keep=keep), True
     if film:

@@ -141,7 +141,7 @@ class RerunLog:
         if tape is not None and fix.position_mm is not None and fix.theta_deg is not None:
             self._draw_fix(located, tape, image)
         else:
-            self._forget()
+            self._clear_answer()
             dots = _dots(located)
             self._log("sensor/dots", rr.Points2D(dots + _CORNER, colors=_PLAIN, radii=rr.Radius.ui_points(4.0)))
         if fix.p_false is not None:
@@ -165,7 +165,7 @@ class RerunLog:
         assert fix.position_mm is not None
         view, path = View(located.sensor, fix, 1), self._names[tape.name]
         if self._touched not in (None, tape.name):
-            self._forget()
+            self._clear_answer()
         self._touched = tape.name
         dots = _dots(located)
         parts = view.to_px(self._parts[tape.name])
@@ -184,7 +184,7 @@ class RerunLog:
             self._log(f"{path}/ellipse", rr.LineStrips2D([ellipse + fix.position_mm], colors=_OTHER))
             self._log("error/ellipse", rr.LineStrips2D([ellipse * 1000.0], colors=_AGREEING))
 
-    def _forget(self) -> None:
+    def _clear_answer(self) -> None:
         """Take the last answer off the screen: this frame has none. The trace stays."""
         paths = [] if self._touched is None else [f"{self._names[self._touched]}/{name}" for name in ("field", "ellipse")]
         for path in (*_AT_A_FIX, *paths):

@@ -242,8 +242,8 @@ def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:
     table = Fields(given, "parameter ")
     most_age_s = table.number("max_age_s", low=0.0, high=3600.0, unit="s")
     problems: list[Problem] = table.problems
-    wishes = {name: given[name] for name in ("world", "max_p_false")}
-    job = prepare_without_frames(list(given["kits"]), given["sensor"], problems, **wishes)
+    settings = {name: given[name] for name in ("world", "max_p_false")}
+    job = prepare_without_frames(list(given["kits"]), given["sensor"], problems, **settings)
     if job is not None and not given["frame_id"]:
         tried(lambda: refuse_equal_names(job.tapes, FRAME_BY_NAME), problems)
     refuse(problems)

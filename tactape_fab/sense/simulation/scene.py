@@ -133,9 +133,9 @@ class Scene:
             table.problem("elastic", f"elastic = {shown(elastic)} is no ElasticContact; give one, or None")
         refuse(table.problems)
         if self.elastic is not None:
-            self._take_shape(self.elastic)
+            self._touch_everywhere(self.elastic)
 
-    def _take_shape(self, elastic: ElasticContact) -> None:
+    def _touch_everywhere(self, elastic: ElasticContact) -> None:
         """Where an elastic gel may touch: everywhere in the image."""
         curved = elastic.cylinder_radius_mm is not None
         object.__setattr__(self, "contact", "strip" if curved else "pad")

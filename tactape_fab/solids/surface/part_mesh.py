@@ -206,7 +206,7 @@ class MeshChart:
         length = np.hypot(offset_mm[:, 0], offset_mm[:, 1])
         course = offset_mm / np.where(length > 0, length, 1.0)[:, None]
         way = _Way(self.facets, start, course)
-        way.go(length)
+        way.trace_to(length)
         return way.frames()
 
 
@@ -234,7 +234,7 @@ class _Way:
             arrived=~self.blocked,
         )
 
-    def go(self, length_mm: FloatArray) -> None:
+    def trace_to(self, length_mm: FloatArray) -> None:
         """Trace each path to `length_mm`, or to the end of the surface."""
         for _ in range(_MOST_STEPS):
             # all paths take a step at the same time, each over at most one facet

@@ -78,12 +78,12 @@ def plan_search(side: int, count: int, most: int) -> Search:
         compared = pairs * 2.0 ** (-_BITS_PER_SYMBOL * cells * agreeing / parts)
         seconds = sorts * (_SECONDS_PER_SORT + keys * _SECONDS_PER_KEY + compared * _SECONDS_PER_PAIR)
         if seconds < least:
-            least, best = seconds, Search(parts=_dealt(side, parts), agreeing=agreeing, most=most)
+            least, best = seconds, Search(parts=_split_window(side, parts), agreeing=agreeing, most=most)
     return best
 
 
 @cache
-def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
+def _split_window(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
     """Split the points of a window into parts along diagonals, as points of one row or column of a code are correlated."""
     diagonal = [r * side + (r + shift) % side for shift in range(side) for r in range(side)]
     return tuple(tuple(int(cell) for cell in part) for part in np.array_split(diagonal, parts))

@@ -81,7 +81,7 @@ def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[T
     best: tuple[int, int, int] | None = None
     chosen = origins[0]
     for origin in origins:
-        merit = _merit(code, sector, origin, placed, None if best is None else best[0])
+        merit = _origin_score(code, sector, origin, placed, None if best is None else best[0])
         if merit is not None and (best is None or merit > best):
             best, chosen = merit, origin
     assert best is not None
@@ -180,7 +180,7 @@ def _windows(code: Plane, sector: int, origin: Origin, placed: BoolArray, side: 
     return windows_of(encode(code, sector, origin, placed.shape), placed, side)
 
 
-def _merit(code: Plane, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
+def _origin_score(code: Plane, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
     """Score of an origin as a tuple, larger is better; None if 4x4 windows are nearer than `least`."""
     windows = _windows(code, sector, origin, placed, _SIDE)
     # most origins are worse than the best so far, which a search for nearer pairs shows sooner than one for the nearest pairs.

@@ -160,7 +160,7 @@ def repair(
         # the highest k bits of a random word are all zero with probability 2^-k; less than 2^-60 counts as never
         if steep > 0 and (steep > 60 or (next_number(state) >> np.uint64(64 - steep)) != np.uint64(0)):
             continue
-        _put(symbols, shapes, patches, row, column, new)
+        _set_symbol(symbols, shapes, patches, row, column, new)
         # new conflicts of the symbols that were not chosen are dropped
         for k in range(coming):
             if buffers.coming[k, 0] == new:
@@ -336,7 +336,7 @@ def _add(
 
 
 @inner_kernel()
-def _put(symbols: SymbolArray, shapes: Shapes, patches: Patches, row: int, column: int, value: int) -> None:
+def _set_symbol(symbols: SymbolArray, shapes: Shapes, patches: Patches, row: int, column: int, value: int) -> None:
     """Set a symbol in the grid and in all words that contain it."""
     ones = np.uint64((1 << shapes.bits) - 1)
     symbols[row, column] = value

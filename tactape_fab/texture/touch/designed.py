@@ -35,7 +35,7 @@ class DesignedCode:
     sequences: ClassVar[None] = None
     proven: ClassVar[Mapping[str, int]] = {}
     another: ClassVar[str] = "another --sector"
-    vouched: ClassVar[str] = "of the digest beside them"
+    proven_by: ClassVar[str] = "of the digest beside them"
 
     def default_origin(self, sector: int) -> tuple[int, int]:
         return 0, 0

@@ -37,7 +37,7 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     board = tape.board
     if len(content.strokes_mm) != 1 or len(content.flash_xy_mm) or len(content.areas_mm):
         return Check(name="profile", passed=False, message=f"{len(content.strokes_mm)} contours instead of one")
-    if (pen := pen_problem(content)) is not None:
+    if (pen := stroke_problem(content)) is not None:
         return Check(name="profile", passed=False, message=pen)
     stroke = content.strokes_mm[0]
     if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
@@ -68,7 +68,7 @@ def off_outline_mm(closed_mm: FloatArray, size_mm: tuple[float, float], radius_m
     return float(max(np.abs(inset_mm(points, size_mm, radius_mm)).max(), abs(missing_mm2) / (2 * (width + height))))
 
 
-def pen_problem(content: GerberContent) -> str | None:
+def stroke_problem(content: GerberContent) -> str | None:
     """Problem of the strokes of an outline, which must be thin and of dark polarity, as fabs use their centre line."""
     widest = float(np.abs(content.stroke_width_mm - OUTLINE_LINE_MM).max(initial=0.0))
     if content.clear:

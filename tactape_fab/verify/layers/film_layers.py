@@ -100,7 +100,7 @@ def _anchor(table: Fields) -> AnchorPlan:
     return AnchorPlan(mode=anchor.text("mode", choices=("spur", "mesh")), **numbers)
 
 
-def pardoned(checks: list[Check], record: FilmRecord) -> list[Check]:
+def forced_as_warnings(checks: list[Check], record: FilmRecord) -> list[Check]:
     """The checks, with failures of forced rules changed to warnings."""
     names = {_FORCED_CHECKS[rule]: rule for rule in record.forced if rule in _FORCED_CHECKS}
     return [

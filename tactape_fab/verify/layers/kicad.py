@@ -290,13 +290,13 @@ def _unexpected(found: _Board) -> list[str]:
         elif kind not in (*_SETTINGS, "footprint", "segment"):
             strange[kind] += len(items)
     for some in found.alike:
-        for what in map(_strange_child, some.items):
+        for what in map(_foreign_item, some.items):
             if what is not None:
                 strange[f"footprint with {what}"] += len(some.names)
     return [f"it has {count} {what}" for what, count in strange.items()]
 
 
-def _strange_child(item: str | Tree) -> str | None:
+def _foreign_item(item: str | Tree) -> str | None:
     """Description of an item that a footprint must not contain; None for others."""
     if isinstance(item, str) or item[0] not in _OF_A_FOOTPRINT:
         return str(item if isinstance(item, str) else item[0])

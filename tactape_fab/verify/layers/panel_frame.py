@@ -14,7 +14,7 @@ from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.verify.layers.board import pen_problem
+from tactape_fab.verify.layers.board import stroke_problem
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, outlines_apart_mm
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, whole
 
@@ -30,7 +30,7 @@ def check_cut(content: GerberContent, panel: Panel) -> Check:
         return Check(name=name, passed=False, message="objects that are not closed contours")
     if len(strokes) != 1 + len(expected):
         return Check(name=name, passed=False, message=f"{len(strokes)} contours instead of {1 + len(expected)}")
-    if (pen := pen_problem(content)) is not None:
+    if (pen := stroke_problem(content)) is not None:
         return Check(name=name, passed=False, message=pen)
     drawn = [shapely.Polygon(stroke) for stroke in strokes]
     if not all(polygon.is_valid for polygon in drawn):

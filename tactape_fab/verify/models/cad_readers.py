@@ -29,7 +29,7 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.lands import nearest, point_tree
 from tactape_fab.verify.models.expected import VOLUME_TOLERANCE, Expected, film_centre_mm
-from tactape_fab.verify.models.step_text import step_text, strange
+from tactape_fab.verify.models.step_text import foreign_entities, step_text
 
 PLACE_TOLERANCE_MM = 0.001
 DIRECTION_TOLERANCE = 1e-6
@@ -108,7 +108,7 @@ def read_by_others(
     a line that is not a failure.
     """
     children = launch.Children()
-    threads = ThreadPoolExecutor(core_count(), initializer=children.adopt)
+    threads = ThreadPoolExecutor(core_count(), initializer=children.register_thread)
     with tempfile.TemporaryDirectory(prefix="tactape-verify-") as scratch, threads as pool:
         paths = {}
         for role, name in _FILE_NAMES.items():
@@ -181,7 +181,7 @@ def _is_own(expected: Expected, paths: Mapping[str, Path]) -> bool:
 def _kernels(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
     """Read STEP files that this version does not write: entities are counted first, and FreeCAD reads what passes in OCCT."""
     for role, own in expected.steps.items():
-        if (problem := strange(step_text(paths[role].read_bytes()), own)) is not None:
+        if (problem := foreign_entities(step_text(paths[role].read_bytes()), own)) is not None:
             return [Check(name=f"{role} by CAD kernels", passed=False, message=f"not given to one: {problem}")]
     checks = _occt(tape, expected, paths, cpl)
     right = all(check.passed or check.warning for check in checks)

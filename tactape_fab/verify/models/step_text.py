@@ -90,7 +90,7 @@ def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile])
     return steps
 
 
-def strange(found: StepText, own: StepText) -> str | None:
+def foreign_entities(found: StepText, own: StepText) -> str | None:
     """Problem of a STEP file that no version would write for this tape; None if a CAD kernel may read it."""
     if not found.plain:
         return "it has comments or a long header"

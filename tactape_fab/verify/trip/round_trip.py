@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 Locate = Callable[[FloatImage], "Localization"]
-Excuse = Callable[[int, FloatArray], int]
+OutcomeOfMiss = Callable[[int, FloatArray], int]
 
 RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST, WRONG = range(7)
 """Outcome of a contact. RIGHT: located at its place. WRONG: located elsewhere. Others are not located. LIMITED: error-free
@@ -133,13 +133,13 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
     locate, locate_dots = _quick_methods(tape, sensor)
 
-    def excuse(_: int, pose: FloatArray) -> int:
+    def outcome_of_miss(_: int, pose: FloatArray) -> int:
         xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
         # the same pose with error-free dots at the manifest's places: if these cannot be located, the file is not at fault
         return LOST if locate_dots(xy_px).located else LIMITED
 
     poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
-    trip = replace(_trip(tape, source, poses, sensor, scene, locate, excuse, lambda: None), tolerated=_QUICK_TOLERATED)
+    trip = replace(_trip(tape, source, poses, sensor, scene, locate, outcome_of_miss, lambda: None), tolerated=_QUICK_TOLERATED)
     if trip.failed and explain(tape, source.parts.xy_mm) is None:  # parts are in place: a limitation of the method
         return replace(trip, tolerated=1.0)
     return trip
@@ -198,7 +198,7 @@ def full_trips(
     localizer = Localizer([tape], sensor)
     rule, stricter = rule_of(tape, sensor), rule_of(tape, sensor, MARGIN)
 
-    def excuse(source: Source, number: int, pose: FloatArray) -> int:
+    def outcome_of_miss(source: Source, number: int, pose: FloatArray) -> int:
         # from the most favourable reader to the least: the first that fails gives the outcome
         if not error_free(rule, pose, scene).located:
             return LIMITED
@@ -217,7 +217,7 @@ def full_trips(
         progress(_STEP, done, count)
 
     return [
-        _trip(tape, source, at, sensor, scene, localizer.locate, partial(excuse, source), step)
+        _trip(tape, source, at, sensor, scene, localizer.locate, partial(outcome_of_miss, source), step)
         for source, at in zip(sources, poses, strict=True)
     ]
 
@@ -261,7 +261,7 @@ def _trip(
     sensor: SensorProfile,
     scene: Scene,
     locate: Locate,
-    excuse: Excuse,
+    outcome_of_miss: OutcomeOfMiss,
     step: Callable[[], None],
 ) -> Trip:
     outcome, error_um = np.full(len(poses), LIMITED), np.full(len(poses), np.nan)
@@ -275,7 +275,7 @@ def _trip(
             outcome[k] = RIGHT if _is_right(tape, frame, fix) else WRONG
         else:
             reasons[fix.reason or "no answer"] += 1
-            outcome[k] = excuse(k, poses[k])
+            outcome[k] = outcome_of_miss(k, poses[k])
         step()
     return Trip(source=source.name, poses=poses, outcome=outcome, error_um=error_um, reasons=reasons)
 

@@ -57,7 +57,7 @@ def test_programs_of_threads_end_when_they_are_stopped() -> None:
     children = launch.Children()
     command = launch.python_command("import time; print('begun', flush=True); time.sleep(60)")
     begin = time.monotonic()
-    with ThreadPoolExecutor(1, initializer=children.adopt) as threads:
+    with ThreadPoolExecutor(1, initializer=children.register_thread) as threads:
         runs = [threads.submit(launch.run, command, timeout_s=60) for _ in range(2)]
         time.sleep(0.5)
         children.stop()

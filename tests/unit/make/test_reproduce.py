@@ -228,7 +228,7 @@ def test_a_tape_made_away_from_others_is_made_again(small_kit: Kit, tmp_path: Pa
     assert reproduce_kit(kit.path).passed
     designed = TapeSpec(sector=5, size_mm=(20.0, 20.0), code="touch-1", models=False)
     first = make_kit(designed, tmp_path / "first", verify=False)
-    second = make_kit(designed.but(name="second"), tmp_path / "second", avoid=[first.tape], verify=False)
+    second = make_kit(designed.with_values(name="second"), tmp_path / "second", avoid=[first.tape], verify=False)
     assert "its design avoids other tapes" in said(second.path)
 
 

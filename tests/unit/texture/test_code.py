@@ -53,7 +53,7 @@ def test_a_code_says_what_its_tapes_may_be(code: Code) -> None:
     assert code.sectors >= 1
     assert USUAL_DIRECTIONS in code.directions and set(code.directions) <= set(DIRECTIONS)
     assert "--" in code.another
-    assert code.vouched
+    assert code.proven_by
 
 
 def test_codes_are_those_that_kits_were_made_with() -> None:

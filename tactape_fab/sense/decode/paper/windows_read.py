@@ -85,7 +85,7 @@ def on_tape(reading: Reading, code: Plane, tapes: Sequence[Tape]) -> Tape | None
     return None
 
 
-def outvoting(readings: Sequence[Reading]) -> Reading | None:
+def majority(readings: Sequence[Reading]) -> Reading | None:
     """The reading with the most windows; None without readings and on a tie."""
     if not readings or (len(readings) > 1 and readings[1].windows == readings[0].windows):
         return None
@@ -101,7 +101,7 @@ def choose(code: Plane, readings: Sequence[Reading], tapes: Sequence[Tape]) -> t
     counted; a tie is no answer.
     """
     inside = [reading for reading in readings if on_tape(reading, code, tapes) is not None]
-    return outvoting(inside), "decode" if inside or not readings else "bounds"
+    return majority(inside), "decode" if inside or not readings else "bounds"
 
 
 def contact_position_mm(

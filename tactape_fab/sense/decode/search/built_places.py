@@ -154,7 +154,7 @@ def as_built(
         best = _by_design(replace(place, score=place.score + share), share, found, evidence)
         # both say that it is this place; only where its parts stand is in question, and how far they are off together no dot says
         of = built[place.tape]
-        if evidence is None or of is None or not _is(place, found)[at] or likely[at] + LN_SHARE + LN_DOUBT <= nominal:
+        if evidence is None or of is None or not _is_at(place, found)[at] or likely[at] + LN_SHARE + LN_DOUBT <= nominal:
             return best, q
         return replace(best, as_built=True, shown=of.shown), evidence.q[at]
     best, symbols = _best(place, found, evidence)
@@ -168,7 +168,7 @@ def _by_design(place: Place, share: float, found: _Places, evidence: _Evidence |
     if evidence is not None:
         cue = np.log(place.turn_weights)
         # the same place is no rival, wherever its parts stand
-        rival = ~_is(place, found)
+        rival = ~_is_at(place, found)
         likely = (evidence.score + evidence.credit + LN_SHARE)[rival]
         others += float(np.exp(likely + found.weight[rival] - place.weight - place.score).sum())
         strongest = float((likely + cue[found.turn[rival]]).max(initial=-inf))
@@ -176,7 +176,7 @@ def _by_design(place: Place, share: float, found: _Places, evidence: _Evidence |
     return replace(place, others=others, lead=lead)
 
 
-def _is(place: Place, found: _Places) -> BoolArray:
+def _is_at(place: Place, found: _Places) -> BoolArray:
     """Which of some places is this one; (k,)."""
     return np.asarray((found.tape == place.tape) & (found.turn == place.turn) & (found.cells == place.cells).all(axis=(1, 2)))
 
@@ -186,7 +186,7 @@ def _best(place: Place, found: _Places, evidence: _Evidence) -> tuple[Place, Flo
     cue = np.log(place.turn_weights)
     likely = evidence.score + evidence.credit
     at = int((likely + found.weight).argmax())
-    same = bool(_is(place, found)[at])
+    same = bool(_is_at(place, found)[at])
     mine, rest = float(likely[at]), np.delete(likely, at)
     # all places by the design, in multiples of the answer; the best of them is a rival if it is not the answer
     others = (place.others + (not same)) * exp(min(place.score + place.weight - float(found.weight[at]) - mine, 600.0))
@@ -236,7 +236,7 @@ def _candidates(
     )
     # the answer by the design may have more weight, of a prior
     places = _Places(tape=where[:, 1], turn=where[:, 2], cells=cells, weight=weight)
-    return replace(places, weight=np.where(_is(place, places), np.maximum(weight, place.weight), weight))
+    return replace(places, weight=np.where(_is_at(place, places), np.maximum(weight, place.weight), weight))
 
 
 def _design_odds(fit: Fit, dots: Dots) -> tuple[FloatArray, FloatArray]:

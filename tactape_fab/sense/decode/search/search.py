@@ -289,7 +289,7 @@ def rivals(
         negligible = max(negligible - log(2.0 * bounded / enough), strict)
 
 
-def strangers(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:
+def best_unregistered(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:
     """The unregistered tape that fits best, if its evidence (ln) reaches `least_score`: for answers that are refused in any case.
 
     `weight` is a bound, and `lead` is over the places found only; if none reaches the score, both are of the evaluated places.

@@ -35,7 +35,7 @@ def found(values: dict[str, Any], fab: FabProfile | None = None) -> dict[str, Fi
 
 
 def problems(fab: FabProfile = FAB, **values: Any) -> dict[str, str]:
-    spec = spec_of().but(**values)
+    spec = spec_of().with_values(**values)
     return {problem.key: problem.message for problem in film_problems(spec, fab, PART)}
 
 

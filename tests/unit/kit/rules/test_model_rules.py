@@ -106,9 +106,9 @@ def test_what_no_process_makes_is_made_without_one() -> None:
     tape, spec, part = (examined := examine(spec_of())).tape, examined.spec, examined.profiles.part
     found = by_rule(check_models(tape, SolidForm(base_mm=1e-3), limited("base", 9.0), spec, part))
     assert found["base"].message.endswith("; use --base 9")
-    found = by_rule(check_models(tape, SolidForm(), limited("feature", 9.0), spec.but(holes_mm=((1.0, 1.0, 0.5),)), part))
+    found = by_rule(check_models(tape, SolidForm(), limited("feature", 9.0), spec.with_values(holes_mm=((1.0, 1.0, 0.5),)), part))
     assert found["feature"].message.endswith("; leave out --process") and found["feature"].limit == 9.0
-    block = (examined := examine(spec_of(part="block"))).spec.but(holes_mm=((1.0, 1.0, 0.5),))
+    block = (examined := examine(spec_of(part="block"))).spec.with_values(holes_mm=((1.0, 1.0, 0.5),))
     found = by_rule(check_models(examined.tape, SolidForm(), limited("feature", 99.0), block, examined.profiles.part))
     assert found["feature"].message.endswith("; leave out --process") and "--body" not in found["feature"].message
 

@@ -122,8 +122,8 @@ def test_an_outline_is_named_where_a_window_no_longer_fits() -> None:
 def test_delta_is_named_in_micrometres_and_w_does_not_shrink_with_it() -> None:
     spec = TapeSpec(sector=7, size_mm=(30.0, 20.0), tag="none", pitch_mm=1.5, displacement_mm=0.2504)
     assert remedy(lambda placing: 1.0 if placing.displacement_mm <= 0.25 else 3.0, spec=spec).options() == "--w 1.5 --delta 0.25"
-    small = spec.but(displacement_mm=0.0201)
-    assert remedy(at_least(2.0), spec=small.but(displacement_mm=0.0194)).options() == "--w 2 --delta 0.02"
+    small = spec.with_values(displacement_mm=0.0201)
+    assert remedy(at_least(2.0), spec=small.with_values(displacement_mm=0.0194)).options() == "--w 2 --delta 0.02"
     assert remedy(at_least(2.0), spec=small).options() == "--w 2 --delta 0.02"
 
 
@@ -134,7 +134,7 @@ def test_rules_see_rotation_directions_and_delta() -> None:
         seen.append(placing)
         return 1.0
 
-    remedy(noted, spec=SPEC.but(rotation_deg=30.0, directions=8)).options()
+    remedy(noted, spec=SPEC.with_values(rotation_deg=30.0, directions=8)).options()
     assert seen[0] == Placing(rotation_deg=30.0, displacement_mm=SPEC.displacement_mm, directions=8)
 
 
@@ -160,7 +160,7 @@ def test_a_smaller_delta_is_the_largest_that_does(factor: float, more_mm: float,
 
 
 def test_no_delta_below_the_least_share_of_w_is_named() -> None:
-    assert remedy(least_of_delta(7.2), spec=SPEC.but(displacement_mm=0.209)).smaller() is None
+    assert remedy(least_of_delta(7.2), spec=SPEC.with_values(displacement_mm=0.209)).smaller() is None
     assert remedy(at_least(None)).smaller() is None
 
 
@@ -186,7 +186,7 @@ def typed(spec: TapeSpec, options: str) -> TapeSpec:
     said = dict(zip(words[::2], words[1::2], strict=True))
     width, height = map(float, said.get("--size", f"{spec.size_mm[0]}x{spec.size_mm[1]}").split("x"))
     pitch_mm, displacement_mm = float(said.get("--w", spec.pitch_mm)), float(said.get("--delta", spec.displacement_mm))
-    return spec.but(pitch_mm=pitch_mm, displacement_mm=displacement_mm, size_mm=(width, height))
+    return spec.with_values(pitch_mm=pitch_mm, displacement_mm=displacement_mm, size_mm=(width, height))
 
 
 def blocking(findings: Sequence[Finding]) -> set[str]:
@@ -218,16 +218,16 @@ def test_a_film_keeps_every_rule_that_blocks_from_the_named_w_on(values: dict[st
 
 
 def replace_pitch(spec: TapeSpec, by_mm: float) -> TapeSpec:
-    return spec.but(pitch_mm=round(spec.pitch_mm + by_mm, 3))
+    return spec.with_values(pitch_mm=round(spec.pitch_mm + by_mm, 3))
 
 
 def test_rules_that_are_named_hold_without_a_warning() -> None:
-    spec = SPEC.but(pitch_mm=1.0, displacement_mm=0.2)
+    spec = SPEC.with_values(pitch_mm=1.0, displacement_mm=0.2)
     for rule, warn_mm in (("pad-pad", 0.15), ("body-body", 0.25)):
         options = film_remedy(spec, FAB.in_mode("gang"), PART, [rule]).options()
         assert options
         at_w = typed(spec, options)
-        gap_mm = next(f.value for f in examine(at_w.but(coverlay="gang")).findings if f.rule == rule)
+        gap_mm = next(f.value for f in examine(at_w.with_values(coverlay="gang")).findings if f.rule == rule)
         assert gap_mm is not None and warn_mm - 0.0005 <= gap_mm
         plain = film_remedy(spec, FAB.in_mode("gang"), PART).options()
         assert plain is not None and (plain == "" or typed(spec, plain).pitch_mm <= at_w.pitch_mm)
@@ -238,8 +238,10 @@ def test_more_rules_count_as_well() -> None:
 
 
 def test_models_keep_bodies_in_their_cells() -> None:
-    bare = TapeSpec(sector=7, size_mm=(30.0, 20.0), tag="none", models=False).but(rotation_deg=0.0, coverlay="gang", pitch_mm=1.0)
-    solid = TapeSpec(sector=7, size_mm=(30.0, 20.0), tag="none").but(rotation_deg=0.0, coverlay="gang", pitch_mm=1.0)
+    bare = TapeSpec(sector=7, size_mm=(30.0, 20.0), tag="none", models=False).with_values(
+        rotation_deg=0.0, coverlay="gang", pitch_mm=1.0
+    )
+    solid = TapeSpec(sector=7, size_mm=(30.0, 20.0), tag="none").with_values(rotation_deg=0.0, coverlay="gang", pitch_mm=1.0)
     assert bare.form is None and solid.form is not None
     limits = {**FAB.limits, **{rule: replace(FAB.limits[rule], level="warn") for rule in GAPS}}
     fab = replace(FAB.in_mode("gang"), limits=limits)  # nothing else blocks
@@ -249,10 +251,10 @@ def test_models_keep_bodies_in_their_cells() -> None:
 
 
 def test_an_anchor_is_held_by_a_coverlay_opened_by_part() -> None:
-    spec = SPEC.but(rotation_deg=0.0, anchor="spur")
+    spec = SPEC.with_values(rotation_deg=0.0, anchor="spur")
     gang, by_part = (typed(spec, film_remedy(spec, FAB.in_mode(mode), PART).options() or "") for mode in ("gang", "per-part"))
     assert gang == by_part
-    unanchored = film_remedy(SPEC.but(rotation_deg=0.0), FAB.in_mode("gang"), PART).options()
+    unanchored = film_remedy(SPEC.with_values(rotation_deg=0.0), FAB.in_mode("gang"), PART).options()
     assert unanchored is not None and typed(spec, unanchored).pitch_mm < gang.pitch_mm
 
 
@@ -279,19 +281,19 @@ def with_limit(rule: str, value_mm: float, fab: FabProfile = FAB) -> FabProfile:
 
 
 def test_parts_may_be_turned_where_that_is_enough() -> None:
-    flat = SPEC.but(rotation_deg=0.0)
+    flat = SPEC.with_values(rotation_deg=0.0)
     said = wider_words(flat, FAB, PART, "opening-bridge")
     assert said.startswith("use --w ") and said.endswith(", or --rotation 45")
-    assert "--rotation" not in wider_words(SPEC.but(pitch_mm=1.0), FAB, PART, "opening-bridge")
-    assert "--rotation" not in wider_words(flat.but(pitch_mm=1.0), FAB, PART, "opening-bridge")
+    assert "--rotation" not in wider_words(SPEC.with_values(pitch_mm=1.0), FAB, PART, "opening-bridge")
+    assert "--rotation" not in wider_words(flat.with_values(pitch_mm=1.0), FAB, PART, "opening-bridge")
     nothing = wider_words(flat, with_limit("opening-bridge", 30.0), PART, "opening-bridge")
     assert nothing == "no W up to 20 mm does; use another --part"
 
 
 def test_one_opening_for_all_parts_is_a_way_out_of_small_ones() -> None:
-    small = SPEC.but(part="r01005")
+    small = SPEC.with_values(part="r01005")
     assert opening_words(small, FAB, 0.5) == "use --coverlay gang, or --part r0201"
-    assert opening_words(small.but(anchor="spur"), FAB, 0.5).startswith("use --part r0201")
+    assert opening_words(small.with_values(anchor="spur"), FAB, 0.5).startswith("use --part r0201")
     rigid = replace(FAB, coverlay_modes=("per-part",))
     assert opening_words(small, rigid, 0.5) == "use --part r0201"
     assert opening_words(small, rigid, 0.51).startswith("use --part r0402 --w ")
@@ -302,7 +304,7 @@ def test_another_part_is_one_that_fits_at_a_w_that_it_needs() -> None:
     def larger(part: PartProfile) -> bool:
         return part.body_mm[0] > 0.5
 
-    small = SPEC.but(part="r01005", rotation_deg=0.0)
+    small = SPEC.with_values(part="r01005", rotation_deg=0.0)
     options = film_remedy(small, FAB, PART, ["opening-bridge"]).options()
     (smallest, *_) = film_parts(larger)
     assert part_words(small, FAB, larger, "that fits") == f"use --part {smallest.name} {options}"

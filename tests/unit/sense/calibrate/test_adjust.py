@@ -31,7 +31,7 @@ def press() -> Press:
         rim_mm=rng.normal(0.0, 0.1, (9, 2)),
         texture_mm=POSE[:2] + rng.uniform(-7.0, 7.0, (9, 2)),
         weights=np.ones(9),
-        amid=np.ones(9, dtype=bool),
+        interior=np.ones(9, dtype=bool),
         pushed=rng.normal(0.0, 0.1, (9, 2)),
         pulled=rng.normal(0.0, 0.1, (9, 2)),
         position_mm=(0.0, 0.0),

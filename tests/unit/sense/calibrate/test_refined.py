@@ -20,7 +20,7 @@ from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, off_mm, presse
 
 def centred_mm(press: Press, pose: FloatArray) -> FloatArray:
     """Of the dots amid others, their mean taken out: the pose is nobody's here."""
-    off = off_mm(press, pose)[press.amid]
+    off = off_mm(press, pose)[press.interior]
     centred: FloatArray = off - off.mean(axis=0)
     return centred
 

@@ -112,12 +112,12 @@ def doubted(
         asked.update(rivals=(share, precision, least), beyond=beyond)
         return found
 
-    def strangers(families: object, place: Place, share: float, least: float) -> Rivals:
-        asked.update(strangers=(share, least))
+    def best_unregistered(families: object, place: Place, share: float, least: float) -> Rivals:
+        asked.update(best_unregistered=(share, least))
         return found
 
     monkeypatch.setattr(accept, "rivals", rivals)
-    monkeypatch.setattr(accept, "strangers", strangers)
+    monkeypatch.setattr(accept, "best_unregistered", best_unregistered)
     world = Registry(tapes=(TAPE,), families=(), unregistered_share=share)
     return _doubt(place, world, LIMITS, p_tape), asked
 
@@ -172,14 +172,14 @@ def test_a_stranger_is_named_if_it_would_be_accepted_itself(
 ) -> None:
     found, asked = doubted(monkeypatch, place, replace(FOUND, score=score, lead=lead), p_tape=p_tape)
     assert found.unregistered == ("s9" if is_named else None)
-    assert ("strangers" in asked) is (p_tape > LIMITS.max_p_false)
-    assert asked.get("strangers", (0.01, CLEAR_LN)) == (0.01, pytest.approx(CLEAR_LN))
+    assert ("best_unregistered" in asked) is (p_tape > LIMITS.max_p_false)
+    assert asked.get("best_unregistered", (0.01, CLEAR_LN)) == (0.01, pytest.approx(CLEAR_LN))
 
 
 def test_what_is_refused_anyhow_is_searched_only_for_a_name(monkeypatch: pytest.MonkeyPatch, place: Place) -> None:
     found, asked = doubted(monkeypatch, replace(place, most_evidence=CLEAR_LN - 1e-6), p_tape=0.5)
     assert asked == {} and found.lead == place.lead
-    assert "strangers" in doubted(monkeypatch, replace(place, most_evidence=CLEAR_LN + 1e-6), p_tape=0.5)[1]
+    assert "best_unregistered" in doubted(monkeypatch, replace(place, most_evidence=CLEAR_LN + 1e-6), p_tape=0.5)[1]
     unnamed, _ = doubted(monkeypatch, place, replace(FOUND, score=0.0), p_tape=0.5)
     assert unnamed.p_place == found.p_place and unnamed.lead == place.lead
     exact, asked = doubted(monkeypatch, replace(place, most_evidence=0.0), p_tape=LIMITS.max_p_false)

@@ -18,7 +18,7 @@ from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.sense import SensorProfile
 from tactape_fab.sense.files.jobs import Job, Locate
 from tactape_fab.sense.live.counts import Tally
-from tactape_fab.sense.live.opening import Wanted, Wishes, open_watches
+from tactape_fab.sense.live.opening import SourceSettings, Wanted, open_watches
 from tactape_fab.sense.live.sources import Frame, Slot, Source, take_next
 from tactape_fab.sense.live.watch import Watch, watch_all
 from tests.commands import run
@@ -121,7 +121,7 @@ def test_a_source_that_fails_does_not_end_the_others() -> None:
 def test_tapes_and_profiles_are_read_once(small_kit: Kit, tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     wanted = [
-        Wanted(name=name, sensor=sensor, source=str(tmp_path / "a"), wishes=Wishes())
+        Wanted(name=name, sensor=sensor, source=str(tmp_path / "a"), settings=SourceSettings())
         for name, sensor in (("left", "digit"), ("right", "gelsight-mini"), ("third", "digit"))
     ]
     left, right, third = open_watches(wanted, [str(small_kit.path)], ())
@@ -131,9 +131,9 @@ def test_tapes_and_profiles_are_read_once(small_kit: Kit, tmp_path: Path) -> Non
 
 def test_problems_of_all_sensors_come_together_with_their_names(small_kit: Kit, tmp_path: Path) -> None:
     wanted = [
-        Wanted(name="left", sensor="digitt", source=str(tmp_path), wishes=Wishes(idle=-1)),
-        Wanted(name="right", sensor="digit", source=str(tmp_path / "none"), wishes=Wishes(rate="fast")),
-        Wanted(name="right", sensor="digit", source=str(tmp_path), wishes=Wishes(background="b.png")),
+        Wanted(name="left", sensor="digitt", source=str(tmp_path), settings=SourceSettings(idle=-1)),
+        Wanted(name="right", sensor="digit", source=str(tmp_path / "none"), settings=SourceSettings(rate="fast")),
+        Wanted(name="right", sensor="digit", source=str(tmp_path), settings=SourceSettings(background="b.png")),
     ]
     with pytest.raises(SpecError) as caught:
         open_watches([wanted[1], wanted[0], wanted[2]], [str(small_kit.path)], ())

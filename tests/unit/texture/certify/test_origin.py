@@ -82,7 +82,7 @@ def test_a_place_is_occupied_where_grid_points_are_shared() -> None:
 
 def test_origins_are_weighed_by_windows_of_four_then_of_five_then_by_pairs() -> None:
     for origin in choose._origins(CODE, 7, WHOLE.shape, 12):
-        assert choose._merit(CODE, 7, origin, WHOLE, None) == merit(7, origin)
+        assert choose._origin_score(CODE, 7, origin, WHOLE, None) == merit(7, origin)
 
 
 def test_one_window_that_an_existing_tape_has_is_at_no_distance() -> None:
@@ -94,7 +94,7 @@ def test_one_window_that_an_existing_tape_has_is_at_no_distance() -> None:
 
 
 def test_of_equally_good_origins_the_first_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choose, "_merit", lambda *_: (3, 5, -1))
+    monkeypatch.setattr(choose, "_origin_score", lambda *_: (3, 5, -1))
     assert choose_origin(CODE, 7, WHOLE).origin == default_origin(CODE.name, 7)
 
 

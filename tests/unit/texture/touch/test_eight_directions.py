@@ -210,7 +210,7 @@ def test_a_refusal_names_a_displacement_that_is_taken() -> None:
     with pytest.raises(SpecError, match=f"use --w 2 --delta {least_mm:g}, a printed element"):
         TapeSpec(sector=1, code=TOUCH_CODE, directions=8)
     for fab in (name for name in profile_names("fabs") if not name.startswith("_")):
-        examined = examine(spec.but(fab=fab))
+        examined = examine(spec.with_values(fab=fab))
         assert [finding.rule for finding in examined.findings if finding.blocks] == [], fab
 
 
@@ -221,7 +221,7 @@ def test_no_remedy_names_a_displacement_that_is_refused() -> None:
     for message in broken:
         for options in re.findall(r"(?:--w ([\d.]+) )?--delta ([\d.]+)", message):
             pitch_mm, displacement_mm = float(options[0] or spec.pitch_mm), float(options[1])
-            spec.but(pitch_mm=pitch_mm, displacement_mm=displacement_mm)
+            spec.with_values(pitch_mm=pitch_mm, displacement_mm=displacement_mm)
     assert TapeSpec(sector=1, code=TOUCH_CODE, directions=8, part="dome").directions == 8
 
 

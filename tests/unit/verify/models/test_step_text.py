@@ -18,7 +18,7 @@ from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models import cad_readers
 from tactape_fab.verify.models import step_text as step_text_module
 from tactape_fab.verify.models.expected import Expected, expected_of_kit
-from tactape_fab.verify.models.step_text import shell_problems, step_text, strange, written_steps
+from tactape_fab.verify.models.step_text import foreign_entities, shell_problems, step_text, written_steps
 from tests.surfaces import planned
 
 Change = Callable[[bytes], bytes]
@@ -93,7 +93,7 @@ def test_what_another_version_may_write_is_read() -> None:
         swap(b"CARTESIAN_POINT('',(", b"CARTESIAN_POINT('',(1"),
     ):
         other = step_text(change(SOLID))
-        assert other.digest != own.digest and strange(other, own) is None
+        assert other.digest != own.digest and foreign_entities(other, own) is None
 
 
 @pytest.mark.parametrize("at_once", [1, 5_000])

@@ -170,13 +170,13 @@ def test_contacts_are_sorted_into_their_outcomes(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(round_trip, "iterate_frames", drawn)
     contact, done, asked = read_contact(), [], []
 
-    def excuse(number: int, pose: Any) -> int:
+    def outcome_of_miss(number: int, pose: Any) -> int:
         asked.append(number)
         return BARELY
 
     poses = np.zeros((4, 3))
     locate: Any = answers.__getitem__
-    made = round_trip._trip(TAPE, source(), poses, contact.sensor, contact.scene, locate, excuse, lambda: done.append(1))
+    made = round_trip._trip(TAPE, source(), poses, contact.sensor, contact.scene, locate, outcome_of_miss, lambda: done.append(1))
     assert made.outcome.tolist() == [RIGHT, BARELY, WRONG, BARELY] and asked == [1, 3] and len(done) == 4
     assert made.error_um[[0, 2]] == pytest.approx([3.0, 4000.0]) and np.isnan(made.error_um[[1, 3]]).all()
     assert made.reasons == {"no answer": 1, "too few dots": 1}

@@ -27,8 +27,8 @@ from tactape_fab.sense.decode.paper.preprocess import contact_centre, contact_do
 from tactape_fab.sense.decode.paper.windows_read import (
     choose,
     contact_position_mm,
+    majority,
     on_tape,
-    outvoting,
     quarter_turned,
     read_windows,
 )
@@ -226,8 +226,8 @@ def test_votes_and_bounds() -> None:
     inside, last = reading((column, row), 1), reading((column + TAPE.columns - 1, row + TAPE.rows - 1), 1)
     past, foreign = reading((column + TAPE.columns, row), 3), reading((column, row), 2, sector=8)
     assert [on_tape(r, CODE, [TAPE]) is TAPE for r in (inside, last, past, foreign)] == [True, True, False, False]
-    assert outvoting([past, foreign]) is past
-    assert outvoting([past, replace(foreign, windows=3)]) is None
+    assert majority([past, foreign]) is past
+    assert majority([past, replace(foreign, windows=3)]) is None
     assert choose(CODE, [past, foreign, inside], [TAPE]) == (inside, "decode")
     assert choose(CODE, [past, inside, last], [TAPE]) == (None, "decode"), "a tie is no answer"
     assert choose(CODE, [past, foreign], [TAPE]) == (None, "bounds")

@@ -18,7 +18,7 @@ from tactape_fab.sense.decode.search.evidence import Tables, tables_of
 from tactape_fab.sense.decode.search.families import families
 from tactape_fab.sense.decode.search.many_tapes import many_buffers
 from tactape_fab.sense.decode.search.plane_sites import Sites
-from tactape_fab.sense.decode.search.search import Place, rivals, search, strangers
+from tactape_fab.sense.decode.search.search import Place, best_unregistered, rivals, search
 from tactape_fab.sense.decode.search.tally import ManyBuffers
 from tactape_fab.texture.code import get_code, get_plane
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -327,7 +327,7 @@ def test_rivals_are_a_plain_enumeration(
     if beyond:  # strangers are asked for where they lie, or over an edge at a common origin
         return
     top = int(likelihood.argmax())
-    asked = strangers(world, place, SHARE, float(found.value[top]) - 1e-3)
+    asked = best_unregistered(world, place, SHARE, float(found.value[top]) - 1e-3)
     assert asked.name.split()[1] == str(of[top])
     assert asked.score == pytest.approx(found.value[top], abs=1e-3)
     assert asked.lead == pytest.approx(lead, abs=1e-3)
