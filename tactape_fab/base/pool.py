@@ -25,6 +25,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Generic, NoReturn, TypeVar
 
+from tactape_fab.base.dropped_signal import OF_SIGNAL, repeat_dropped_signal
 from tactape_fab.base.errors import LostProcessError, Problem, TactapeError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.launch import python_command, start
@@ -299,13 +300,14 @@ def send_message(*message: object) -> None:
 def serve() -> None:
     """Main loop of a process of the pool: answers calls until its input ends.
 
-    SIGTERM during a call raises SystemExit in the function, which can clean up. Between calls it ends the process at once: an
-    exception might be raised, and lost, in the garbage collector.
+    SIGTERM during a call raises SystemExit in the function, which can clean up; it is repeated if that is dropped. Between calls
+    it ends the process at once: an exception might be raised, and lost, in the garbage collector.
     """
     global _answers  # noqa: PLW0603 (one for each process)
     for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to every process; the parent stops this one by SIGTERM
         if hasattr(signal, name):  # Windows has no SIGHUP
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    sys.unraisablehook = repeat_dropped_signal
     asked = sys.stdin.buffer
     # a copy of the pipe; descriptor 1 itself then goes to stderr
     _answers = answers = os.fdopen(os.dup(1), "wb")
@@ -334,4 +336,4 @@ def serve() -> None:
 
 
 def _leave(*_: object) -> None:
-    sys.exit(128 + signal.SIGTERM)
+    sys.exit(OF_SIGNAL + signal.SIGTERM)

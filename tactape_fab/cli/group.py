@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import _thread
 import atexit
 import errno
 import gc
 import os
 import re
-import signal
 import sys
-import threading
 from importlib import import_module
 from io import TextIOWrapper
 from typing import Any
@@ -18,6 +15,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from tactape_fab.base.dropped_signal import INTERRUPTED, repeat_dropped_signal
 from tactape_fab.base.plain_text import one_line
 from tactape_fab.base.version import __version__
 from tactape_fab.cli.exits import ended_by_signals
@@ -82,13 +80,8 @@ def command(name: str) -> click.Command:
     return found
 
 
-_AGAIN_S = 0.05
-"""Delay after which a dropped signal is sent again, when the function that dropped it has returned."""
 _NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Windows does not define EDQUOT."""
-_OF_SIGNAL = 128
-INTERRUPTED = _OF_SIGNAL + signal.SIGINT
-"""Exit status of a command that Ctrl-C ends: 128 plus the number of the signal, as in shells."""
 
 
 class _Group(click.Group):
@@ -117,7 +110,7 @@ class _Group(click.Group):
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")
-        before, sys.unraisablehook = sys.unraisablehook, _interrupted_again
+        before, sys.unraisablehook = sys.unraisablehook, repeat_dropped_signal
         try:
             return super().main(*args, **kwargs)
         except OSError as error:
@@ -135,27 +128,6 @@ class _Group(click.Group):
             sys.exit(1)
         finally:
             sys.unraisablehook = before
-
-
-def _send(number: int) -> None:
-    """Send a signal to the main thread; by the system if it supports that, as it also interrupts blocking calls."""
-    if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident or 0, number)
-    else:
-        _thread.interrupt_main(signal.Signals(number))
-
-
-def _interrupted_again(dropped: sys.UnraisableHookArgs) -> None:
-    """Repeat Ctrl-C or SIGTERM shortly after it was dropped: in a callback from C, as numba's compiler has for each kernel,
-    Python prints the exception's traceback and continues.
-    """
-    code = INTERRUPTED if issubclass(dropped.exc_type, KeyboardInterrupt) else getattr(dropped.exc_value, "code", None)
-    if not (isinstance(code, int) and code > _OF_SIGNAL):
-        sys.__unraisablehook__(dropped)
-        return
-    later = threading.Timer(_AGAIN_S, _send, [code - _OF_SIGNAL])
-    later.daemon = True
-    later.start()
 
 
 def _cannot_print(error: OSError) -> bool:

@@ -32,6 +32,13 @@ def _leave_garbage(sleep_s: float) -> None:
     time.sleep(sleep_s)
 
 
+def _drop_signals(sleep_s: float) -> None:
+    """For a second no exception gets out of it."""
+    slow = _Slow()
+    del slow.me, slow
+    time.sleep(sleep_s)
+
+
 def children() -> list[str]:
     """Processes that this one has started and that have not ended."""
     found: list[str] = []
@@ -95,6 +102,18 @@ def test_stopping_ends_a_process_whose_collector_is_at_work() -> None:
     pool.stop()
     assert time.monotonic() - begin < 10.0
     assert children() == []
+
+
+def test_a_signal_that_python_drops_ends_a_process_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
+    pool = ProcessPool(1)
+    pool.submit(operator.neg, 1).result()
+    pool.submit(_drop_signals, 60.0)
+    time.sleep(0.3)
+    begin = time.monotonic()
+    pool.stop()
+    assert time.monotonic() - begin < 10.0  # the process ends by itself: it is killed after twenty seconds
+    assert children() == []
+    assert capfd.readouterr() == ("", "")
 
 
 def test_what_a_function_prints_is_no_answer(capfd: pytest.CaptureFixture[str]) -> None:
