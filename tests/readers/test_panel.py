@@ -117,6 +117,7 @@ def manifests(panel: PanelKit) -> list[Any]:
     return [json.loads((panel.path / kit / "manifest.json").read_bytes()) for kit in panel.kits]
 
 
+@slow
 @pytest.mark.parametrize("name", ["panel_packed", "coupon_panel"])
 def test_gerbonara_sees_what_each_tape_is_opened_by(name: str, request: pytest.FixtureRequest) -> None:
     panel: PanelKit = request.getfixturevalue(name)
@@ -195,6 +196,7 @@ def test_gerbonara_reads_every_hole(panel: PanelKit) -> None:
     assert read == expected
 
 
+@slow
 def test_a_fiducial_elsewhere_is_seen(panel_2: PanelKit, reader: Reader, tmp_path: Path) -> None:
     """The pictures are fine enough to tell a wrong file: a pad's width is enough."""
     opened = OpenKit(panel_2.path)

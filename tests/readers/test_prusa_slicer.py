@@ -35,6 +35,7 @@ def test_prusa_slicer_finds_one_manifold_part(
     assert size == pytest.approx(np.ptp(vertices, axis=0).tolist(), abs=2e-5)
 
 
+@slow
 def test_a_texture_of_20_x_20_mm_slices_for_a_resin_printer(prusa_slicer: str, tmp_path: Path) -> None:
     """The pixels that cure above the base are as many islands as there are elements, each in its element's place."""
     tape = tape_of(BLOCK, 12, 12, omitted=[(3, 4)])

@@ -51,6 +51,7 @@ def test_a_list_is_the_same_kits_as_one_by_one(here: Path) -> None:
     assert "made 3 of 3 kits in tactape-kits" in result.stderr
 
 
+@slow
 def test_dates_are_those_of_who_asks(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def elsewhere(*args: Any, **how: Any) -> Any:
         monkeypatch.delenv("SOURCE_DATE_EPOCH")  # as a cluster's worker, which has an environment of its own

@@ -541,6 +541,7 @@ KERNEL_ASSEMBLY = [
 ]
 
 
+@slow
 @pytest.mark.parametrize(("edit", "fails", "says"), first(1, KERNEL_ASSEMBLY))
 def test_a_changed_assembly_is_caught_by_occt(
     edit: Edit, fails: tuple[str, ...], says: str, film: Kit, copied: Copy, only_occt: None
@@ -699,6 +700,7 @@ HOSTILE = {
 }
 
 
+@slow
 @pytest.mark.parametrize("data", first(1, [pytest.param(data, id=name) for name, data in HOSTILE.items()]))
 def test_hostile_step_files_are_failed_lines(data: bytes, film: Kit, copied: Copy, only_occt: None) -> None:
     kit = OpenKit(copied(film))

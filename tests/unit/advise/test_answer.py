@@ -255,6 +255,7 @@ def test_parts_and_cost_are_those_of_the_tape() -> None:
     assert line["cost_once"] == pytest.approx(sum(costs[name] for name in ("setup", "stencil", "fixture", "feeder")))
 
 
+@slow
 def test_what_nothing_reaches_is_said_with_the_nearest() -> None:
     found = asked("--contact 2")
     assert not found["reached"]
@@ -290,6 +291,7 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
     assert "--size" in result.stderr
 
 
+@slow
 def test_explain_says_what_the_figures_rest_on() -> None:
     said = run("advise --contact 6 --blur 0.2 --tapes 4 --explain").stdout
     for words in ("4 registered tapes", "gel blur 0.2 mm", "the noise is", "rules: fab generic-fpc", "--simulate"):

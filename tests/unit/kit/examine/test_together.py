@@ -66,6 +66,7 @@ def test_tags_of_one_given_id_have_none_given(words: str) -> None:
     assert said(run(f"{again.replace('others', 'good')} --size 24x20 --no-3d")) == ""
 
 
+@slow
 def test_tapes_of_a_table_are_named() -> None:
     Path("lab.toml").write_text("models = false\n[[tapes]]\nsector = 0\n[[tapes]]\nsector = 1\n")
     result = run("make lab.toml --size 100x50 --no-verify --jobs 1")

@@ -17,6 +17,7 @@ from tactape_fab.kit.examine.order import ExaminedPanel, examine_order
 from tactape_fab.kit.examine.tape import Examined
 from tactape_fab.kit.panel.arrange import arrangements, choose_arrangement
 from tactape_fab.kit.profiles import load_fab
+from tests.thorough import slow
 
 FAB = load_fab("jlcpcb-fpc")
 
@@ -143,6 +144,7 @@ def test_everything_that_is_wrong_is_said_together(here: Path) -> None:
         assert said.count(key) == 1, said
 
 
+@slow
 def test_a_toml_may_ask_for_a_panel(tmp_path: Path) -> None:
     spec = tmp_path / "p.toml"
     spec.write_text('sectors = [7, 8]\npanel = "1x2"\ntabs = "y"\nsize_mm = [60, 30]\nmodels = false\n')

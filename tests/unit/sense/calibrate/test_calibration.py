@@ -16,7 +16,7 @@ from tactape_fab.sense.calibrate.posedness import share_of_perfect
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.bench import calibration
 from tests.tapes import tape_at
-from tests.thorough import costly, only_thorough, slow, thorough
+from tests.thorough import only_thorough, slow, thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, pressed, presses
 
 WRONG = replace(STOCK, px_per_mm=(19.5, 19.5), sign=-1, mirror=True)
@@ -55,6 +55,7 @@ def test_the_camera_is_found_within_what_is_said() -> None:
     assert found.sensor.geometry.sigma_aspect == figure(found, "aspect")[1]
 
 
+@slow
 def test_it_is_said_how_many_presses_a_good_camera_takes() -> None:
     found = calibrate_sensor(presses().frames[:6], [TAPE], STOCK)
     six, ten = (share_of_perfect(one.bundle) for one in (found, calibrated()))
@@ -149,7 +150,7 @@ def test_orientation_comes_from_one_press_of_known_direction(rotate90: int, sign
     assert fix.position_mm is not None and np.allclose(fix.position_mm, made.poses[3][:2], atol=0.05)
 
 
-@costly
+@slow
 @pytest.mark.parametrize(("rotate90", "crown_mm"), [(0, (189.0, 113.0)), (1, (113.0, 189.0))])
 def test_the_gel_s_crown_turns_with_the_image(rotate90: int, crown_mm: tuple[float, float]) -> None:
     frames = [_delivered(frame, replace(TRUE, rotate90=rotate90)) for frame in presses(first_theta=20.0).frames[:7]]

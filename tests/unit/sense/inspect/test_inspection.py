@@ -219,6 +219,7 @@ def test_metal_beside_bodies_is_not_taken_for_them(off_mm: tuple[float, float], 
     assert np.abs(errors_um(one, built).mean(axis=0)).max() < 4.0
 
 
+@slow
 def test_overlapping_images_are_one_inspection_the_second_found_by_its_code(scanned: Scanned, tmp_path: Path) -> None:
     width = scanned.picture.shape[1]
     first = write(tmp_path / "a.png", scanned.picture[:, : width * 6 // 10])
@@ -240,6 +241,7 @@ def test_two_copies_of_a_tape_are_not_averaged(scanned: Scanned, tmp_path: Path)
         inspect_scans([scanned.path, write(tmp_path / "other.png", other)], scanned.kit)
 
 
+@slow
 def test_a_second_copy_without_a_tag_is_refused(scanned: Scanned, tmp_path: Path) -> None:
     """Its places would be those of one copy, whichever was read, and exact."""
     untagged = scanned.picture[:, scanned.picture.shape[1] // 4 :]

@@ -14,7 +14,7 @@ from tactape_fab.sense.objects.tag_view import tag_corners_mm
 from tactape_fab.texture.tag import tag_cells
 from tactape_fab.texture.tape import Tape
 from tests.bench import camera
-from tests.thorough import only_thorough
+from tests.thorough import only_thorough, slow
 
 pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")  # their pictures are looked at
 
@@ -147,6 +147,7 @@ def test_a_tag_of_more_pixels_than_16_bits_count_is_refined() -> None:
     assert found.translation_mm == pytest.approx((0.0, 0.0, away), abs=0.1)
 
 
+@slow
 def test_pictures_without_the_tag_are_refused() -> None:
     of, rng = camera.printed(2.0), np.random.default_rng(5)
     pose = camera.draw_pose(of.tape, rng)

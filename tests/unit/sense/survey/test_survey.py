@@ -109,6 +109,7 @@ def test_an_inspection_is_combined_by_its_covariance(tmp_path: Path) -> None:
     assert len(found.as_built.number) == small_tape().part_count
 
 
+@slow
 def test_a_robot_holds_what_touch_alone_does_not(tmp_path: Path) -> None:
     """A stretch of the whole tape: touch takes it for the sensor's scale, a robot's poses do not."""
     truth, parts = measured(small_tape(), 0.03, error_mm=1e-9, seed=3)

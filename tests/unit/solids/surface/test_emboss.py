@@ -162,11 +162,13 @@ def test_texture_beyond_an_edge_names_the_largest_radius(tape: Tape) -> None:
         lay_out(tape, MeshChart(mesh_of(box(9.5, 30)), Placement()))
 
 
+@slow
 def test_texture_that_goes_round_twice_is_refused() -> None:
     with pytest.raises(SpecError, match=r"meets itself[^\n]*\n.*overlap by up to .* usable radius here is 1[45]\.\d mm"):
         lay_out(planned((50.0, 20.0)), MeshChart(mesh_of(cylinder(5.0)), Placement(at_mm=(5.0, 0.0, 0.0))))
 
 
+@slow
 def test_ball_too_small_for_the_texture_is_refused() -> None:
     with pytest.raises(
         SpecError, match=r"(folds|overlap).*usable radius here is 1\d\.\d mm, the texture reaches 5\d\.\d mm; use a kit of"

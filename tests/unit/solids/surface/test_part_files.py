@@ -197,6 +197,7 @@ def test_3mf_that_places_itself_is_refused() -> None:
         read_surface_mesh(stream.getvalue(), "3mf")
 
 
+@slow
 def test_touching_triangles_do_not_cross() -> None:
     for model in (ball(25.0, 3), saddle(), cylinder(), box()):
         assert self_intersections(mesh_of(model))[0] == 0
@@ -299,6 +300,7 @@ def test_a_polygon_that_is_not_convex_is_no_fan(first: int) -> None:
         closed_mesh(read_surface_mesh(text.encode(), "obj"))
 
 
+@slow
 def test_fine_level_faces_are_searched_from_above(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(part_files, "_MOST_BOXES", 0)  # as for a mesh so fine that those for each triangle decide
     plate = saddle(points=151)

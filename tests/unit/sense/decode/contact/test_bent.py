@@ -15,6 +15,7 @@ from tactape_fab.sense.decode.contact.bent import Bend, bend_of
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE, tape_of
+from tests.thorough import slow
 
 PART_MM = TAPE.part.body_mm[2]
 NO_VARIANCE = np.zeros((5, 5))
@@ -119,6 +120,7 @@ def test_an_oblique_cylinder_is_as_sure_as_it_is_said(off_mm: float, press: dict
     assert np.mean(squares_of(Localizer([TAPE], refine="dots"), off_mm, press)) < 3.0
 
 
+@slow
 def test_parts_whose_height_is_not_known_are_less_sure() -> None:
     """By a calibrated camera, which leaves none of it to its aspect; of tapes with other parts than the one that is touched."""
     geometry = Geometry(sigma_px_per_mm=0.008, sigma_aspect=0.0005, sigma_shear=0.0005, sigma_k1=0.001)

@@ -21,7 +21,7 @@ from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
 from tactape_fab.sense.simulation.elastic_layer import response as response_of
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE, dots
-from tests.thorough import costly
+from tests.thorough import costly, slow
 
 SENSOR = load_sensor("gelsight-mini")
 CROWN_MM = (189.0, 113.0)
@@ -298,6 +298,7 @@ def errors_of(sensor: SensorProfile, scene: Scene, count: int, seed: int, refine
     return np.array(errors), np.array(squares)
 
 
+@slow
 def test_a_steep_contact_at_the_image_s_border_is_where_it_is() -> None:
     """All dots are then on one side of the image's centre, and the border cuts the contact off: poses were 20 um off per axis."""
     scene = Scene(elastic=ElasticContact(force_n=2.0, tilt_deg=(5.0, 0.0)), slope_noise=0.032)
