@@ -26,7 +26,7 @@ from tactape_fab.kit.examine.coupon import examine_coupon
 from tactape_fab.make.panel import PanelKit, make_panel
 from tactape_fab.verify.trip import round_trip
 from tests.panels import SIX, TWO, packed_panel, panel_of
-from tests.thorough import AT_DESK, THOROUGH, as_elsewhere, spread, with_less
+from tests.thorough import AT_DESK, PART, THOROUGH, as_elsewhere, part_of, spread, with_less
 
 _COMPILE = """
 from dataclasses import replace
@@ -116,10 +116,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write the golden files anew instead of comparing")
 
 
-def _all_cases(config: pytest.Config) -> bool:
-    """Whether all cases of a test are tried: in a thorough run, and where files, words or options say which are meant."""
+def _asked_for(config: pytest.Config) -> bool:
+    """Whether files, words or options say which tests are meant: all their cases are tried."""
     options = ("keyword", "update_golden", "benchmark_only")
-    return THOROUGH or any(map(config.getoption, options)) or any(".py" in word or "bench" in word for word in config.args)
+    return any(map(config.getoption, options)) or any(".py" in word or "bench" in word for word in config.args)
+
+
+def _all_cases(config: pytest.Config) -> bool:
+    """Whether no case is left to a thorough run."""
+    return THOROUGH or _asked_for(config)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -131,6 +136,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if not _all_cases(config):
         left_out = f"at most {AT_DESK} cases of each test were tried, and no slow test nor one of tests/bench"
         terminalreporter.write_line(f"{left_out}: all are where a file is named, or TACTAPE_THOROUGH=1 is set")
+    elif PART and not _asked_for(config):
+        terminalreporter.write_line(f"part {PART} of the cases that a desk leaves out was tried: all are without TACTAPE_PART")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -147,6 +154,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """At a desk a few cases of each test; what need not wait for the decoder comes first."""
     if not _all_cases(config):
         items[:] = spread(items)
+    elif PART and not _asked_for(config):
+        items[:] = part_of(items, PART)
     items.sort(key=_turn)
 
 

@@ -1,12 +1,17 @@
-"""How much is tried: CI asks for all of it by TACTAPE_THOROUGH=1, and a run at a desk does with fewer examples of the same."""
+"""How much is tried: TACTAPE_THOROUGH=1 asks for all of it, and a run at a desk does with fewer examples of the same.
+
+`.ci/run` asks for all examples of what a desk tries, and by TACTAPE_PART for one half of the further cases, its commit's.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
+from zlib import crc32
 
 import pytest
 
@@ -15,7 +20,8 @@ from tactape_fab.verify.trip import round_trip
 
 THOROUGH = os.environ.get("TACTAPE_THOROUGH") == "1"
 only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_THOROUGH=1 asks for it")
-
+PART = os.environ.get("TACTAPE_PART", "")
+"""Which part of the cases that a desk leaves out a thorough run of whole folders tries, such as 0/2; empty for all of them."""
 
 AT_DESK = 2
 """Cases of one test that a run of whole folders tries at a desk: first and last. Of one that is `costly`, of whole kits, or with
@@ -87,4 +93,26 @@ def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
             left |= set(found)
         one = test.startswith(_ONE_OF) or found[0].get_closest_marker("costly") is not None
         left |= set(found[1:] if one else found[1:-1])
+    return [item for item in items if item not in left]
+
+
+def part_of(items: Sequence[pytest.Item], part: str) -> list[pytest.Item]:
+    """What a desk tries, and one part of the further cases: of each test every so many, so that all parts together are all.
+
+    part: Its number from 0, and how many there are, such as 0/2.
+    """
+    match = re.fullmatch(r"(\d+)/([1-9]\d*)", part)
+    if match is None:
+        raise pytest.UsageError(f"TACTAPE_PART = {part!r} is no part; give its number from 0, a slash and how many, such as 0/2")
+    number, parts = map(int, match.groups())
+    further = {i for i in items if i.nodeid.startswith("tests/bench/") or only_thorough.mark in i.iter_markers("skipif")}
+    at_desk = set(spread([item for item in items if item not in further]))
+    seen: dict[str, int] = defaultdict(int)
+    left: set[pytest.Item] = set()
+    for item in items:
+        if item not in at_desk:
+            test = item.nodeid.partition("[")[0]
+            if (seen[test] + crc32(test.encode())) % parts != number:
+                left.add(item)
+            seen[test] += 1
     return [item for item in items if item not in left]
