@@ -1,6 +1,6 @@
 """How much is tried: TACTAPE_THOROUGH=1 asks for all of it, and a run at a desk does with fewer examples of the same.
 
-`.ci/run` asks for all examples of what a desk tries, and by TACTAPE_PART for one half of the further cases, its commit's.
+`.ci/run` asks for all examples of what a desk tries, and by TACTAPE_PART for one third of the further cases, its commit's.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tactape_fab.verify.trip import round_trip
 THOROUGH = os.environ.get("TACTAPE_THOROUGH") == "1"
 only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_THOROUGH=1 asks for it")
 PART = os.environ.get("TACTAPE_PART", "")
-"""Which part of the cases that a desk leaves out a thorough run of whole folders tries, such as 0/2; empty for all of them."""
+"""Which part of the cases that a desk leaves out a thorough run of whole folders tries, such as 0/3; empty for all of them."""
 
 AT_DESK = 2
 """Cases of one test that a run of whole folders tries at a desk: first and last. Of one that is `costly`, of whole kits, or with
@@ -99,11 +99,11 @@ def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
 def part_of(items: Sequence[pytest.Item], part: str) -> list[pytest.Item]:
     """What a desk tries, and one part of the further cases: of each test every so many, so that all parts together are all.
 
-    part: Its number from 0, and how many there are, such as 0/2.
+    part: Its number from 0, and how many there are, such as 0/3.
     """
     match = re.fullmatch(r"(\d+)/([1-9]\d*)", part)
     if match is None:
-        raise pytest.UsageError(f"TACTAPE_PART = {part!r} is no part; give its number from 0, a slash and how many, such as 0/2")
+        raise pytest.UsageError(f"TACTAPE_PART = {part!r} is no part; give its number from 0, a slash and how many, such as 0/3")
     number, parts = map(int, match.groups())
     further = {i for i in items if i.nodeid.startswith("tests/bench/") or only_thorough.mark in i.iter_markers("skipif")}
     at_desk = set(spread([item for item in items if item not in further]))

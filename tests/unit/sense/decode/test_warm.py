@@ -60,7 +60,8 @@ for registry in registries:
     assert len(found) > 20
     assert any(".search.bounds." in name for name in {*heard.names, *found}) == (world == "open")
     assert any(".search.holes." in name for name in {*ours, *found}) == (registry == "holes")
-    assert any(localizer.locate(depth).located for depth in depths)
+    fixes = [fix for fix in map(localizer.locate, depths) if fix.located]
+    assert fixes and all(len(fix.dots.uv_px) == fix.n_dots for fix in fixes)
     assert heard.names[count:] == [] and taken() == found
 """
 
