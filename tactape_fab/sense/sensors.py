@@ -368,7 +368,8 @@ def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     if (height, width) != shape:
         message = f"mask = {shown_path(path)} is {width} x {height} px, a frame is {shape[1]} x {shape[0]}; make it as large"
         raise SpecError(Problem("mask", message))
-    grey = unpacked(data, "IMREAD_GRAYSCALE", "reading a PNG mask")
+    # as frames are read: an editor may leave the picture it began with marked as turned
+    grey = unpacked(data, "IMREAD_GRAYSCALE IMREAD_IGNORE_ORIENTATION", "reading a PNG mask")
     if grey is None or grey.shape != shape:
         raise SpecError(Problem("mask", f"mask = {shown_path(path)} is a PNG that cannot be unpacked; write it again"))
     return np.asarray(grey, dtype=np.uint8)

@@ -19,8 +19,8 @@ GENERIC = (templates_folder() / "sensors" / "generic.toml").read_text()
 Write = Callable[..., Path]
 
 
-def png(grey: np.ndarray) -> bytes:
-    """A grey PNG, written without the library that reads it."""
+def png(grey: np.ndarray, orientation: int | None = None) -> bytes:
+    """A grey PNG, written without the library that reads it; how it is to be turned is Exif's tag 274 in its chunk eXIf."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -28,7 +28,8 @@ def png(grey: np.ndarray) -> bytes:
     height, width = grey.shape
     rows = b"".join(b"\x00" + row.tobytes() for row in grey.astype(np.uint8))
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    exif = b"" if orientation is None else chunk(b"eXIf", b"II*\x00" + struct.pack("<IHHHIII", 8, 1, 274, 3, 1, orientation, 0))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + exif + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
 @pytest.fixture
@@ -115,6 +116,14 @@ def test_a_mask_drawn_on_a_frame_is_turned_as_the_frame(write: Write) -> None:
     assert sensor.mask is not None
     assert (~sensor.mask).sum() == 50
     assert not sensor.mask[-10:, :5].any()
+
+
+@pytest.mark.parametrize("orientation", [1, 2, 3, 6])
+def test_a_mask_is_read_as_it_is_stored(write: Write, orientation: int) -> None:
+    grey = np.full((240, 320), 255, dtype=np.uint8)
+    grey[:5, :10] = 0
+    sensor = load_sensor(write(masked('"mask.png"'), mask=png(grey, orientation)))
+    np.testing.assert_array_equal(sensor.mask, grey > 0)
 
 
 @pytest.mark.parametrize(
