@@ -8,7 +8,7 @@ axis, and at height y; if board y is, it is at arc length y from the x axis, and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import radians
+from math import cos, radians, sin
 from typing import Literal
 
 import numpy as np
@@ -129,6 +129,18 @@ def on_surface(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, Float
     # board x and y on the cylinder's own directions; around y the board lies a quarter turn further, with x down the axis
     first, second = (along, up) if mount.around == "x" else (-up, along)
     return np.column_stack([mount.top_mm * c, mount.top_mm * s, height]), np.stack([first, second, out], axis=2)
+
+
+def printed_mount(size_mm: tuple[float, float], radius_mm: float, around: Around) -> Mount:
+    """The mount of a print round a cylinder in its model's frame: the board's middle line stays, the axis is at z = -R."""
+    half_mm = size_mm[0 if around == "x" else 1] / 2
+    c, s = cos(half_mm / radius_mm), sin(half_mm / radius_mm)
+    # columns: out of the print and along its arc at the arc's beginning, and the axis, as `on_surface` has them
+    rows = [(-s, c, 0.0), (0.0, 0.0, 1.0), (c, s, 0.0)] if around == "x" else [(0.0, 0.0, -1.0), (-s, c, 0.0), (c, s, 0.0)]
+    middle_mm = np.array([half_mm, 0.0, -radius_mm] if around == "x" else [0.0, half_mm, -radius_mm])
+    return Mount(
+        surface="cylinder", rotation=np.array(rows), position_mm=middle_mm, top_mm=radius_mm, true_mm=radius_mm, around=around
+    )
 
 
 def to_object(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -16,9 +16,10 @@ from tactape_fab.base.templates import read_toml
 from tactape_fab.sense.decode.result import refuse_no_answer, state_of, tape_named
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
 from tactape_fab.sense.geometry import from_quaternion
-from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, texture_surface
+from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, printed_mount, texture_surface
 from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
+from tactape_fab.texture.manifest import find_manifest, read_manifest
 from tactape_fab.texture.registry import read_registered
 from tactape_fab.texture.tape import Tape
 
@@ -202,7 +203,11 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
     turn, position = _read_pose(table, given)
     corners = _read_corners(table) if given == ["tag_corners_mm"] else None
     kit = folder / table.text("kit", longest=4096)
-    tape = _read_kit(kit, table) if "kit" in row and isinstance(row["kit"], str) else None
+    tape, printed = (_read_kit(kit, table) if "kit" in row and isinstance(row["kit"], str) else None) or (None, None)
+    if printed is not None and surface == "cylinder":
+        message = f"kit = {shown_path(kit)} is printed round a cylinder of {printed.top_mm:g} mm already"
+        remedy = "give surface = 'plane' with position_mm and rpy_deg of its model, and no radius_mm, under_mm and around"
+        table.problem("surface", f"{message}; {remedy}")
     if tape is None or len(problems) > before:
         return None
     thickness = tape.board.thickness_mm
@@ -215,6 +220,8 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
         true_mm=radius + under + thickness / 2,
         around="y" if around == "y" else "x",
     )
+    if printed is not None:
+        mount = replace(printed, rotation=turn @ printed.rotation, position_mm=turn @ printed.position_mm + position)
     if corners is None:
         return TapeOnObject(kit=kit, tape=tape, mount=mount)
     return _measured(kit, tape, mount, corners, table)
@@ -248,9 +255,12 @@ def _read_corners(table: Fields) -> np.ndarray:
     return np.array([named.numbers(key, 3, **bounds) for key in named.values])  # type: ignore[arg-type]
 
 
-def _read_kit(kit: Path, table: Fields) -> Tape | None:
+def _read_kit(kit: Path, table: Fields) -> tuple[Tape, Mount | None] | None:
+    """The tape of a kit, and of one that is printed round a cylinder its mount in the board frame of its model."""
     try:
         entries = read_registered([kit])
+        # a packed registry is refused: it does not say which form a print has
+        solids = [read_manifest(find_manifest(entry.path)).get("solid") for entry in entries[:1]]
     except SpecError as error:
         table.problems.extend(Problem("kit", f"{table.where}kit: {p.message}") for p in error.problems)
         return None
@@ -262,7 +272,13 @@ def _read_kit(kit: Path, table: Fields) -> Tape | None:
     if tape.surface is not None:
         table.problem("kit", f"kit = {shown_path(kit)} stands on a part of its own, not on a film; give a kit of a film")
         return None
-    return tape
+    form = solids[0].get("cylinder") if isinstance(solids[0], Mapping) else None
+    if form is None:
+        return tape, None
+    cylinder = Fields(form if isinstance(form, Mapping) else {}, f"{table.where}kit: solid.cylinder.", table.problems)
+    around = cylinder.text("around", choices=("x", "y"), default="x")
+    radius_mm = cylinder.number("radius_mm", above=0.0, high=LARGEST_RADIUS_MM, default=1.0)
+    return tape, printed_mount(tape.board.size_mm, radius_mm, "y" if around == "y" else "x")
 
 
 def _measured(kit: Path, tape: Tape, mount: Mount, corners: np.ndarray, table: Fields) -> TapeOnObject | None:

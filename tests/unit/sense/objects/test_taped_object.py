@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import cos, pi, radians, sin
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -21,6 +21,8 @@ from tactape_fab.sense.objects.mount import Mount, sensor_on_object, to_object
 from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm
 from tactape_fab.sense.objects.taped_object import refuse_ambiguous
+from tactape_fab.solids.forms import Cylinder, SolidForm
+from tactape_fab.solids.wrap import unwrapped
 from tactape_fab.texture.frames import FloatArray
 
 PLANE = Mount(surface="plane", rotation=from_rpy((10, 20, 30)), position_mm=np.array([5.0, -3.0, 40.0]))
@@ -129,6 +131,22 @@ def test_film_and_adhesive_make_a_cylinder_larger(small_kit: Kit, tmp_path: Path
     entry = 'surface = "cylinder"\nradius_mm = 16\nunder_mm = 0.13\naround = "x"\nposition_mm = [0, 0, 0]\nrpy_deg = [0, 0, 0]'
     mount = read_object(write(tmp_path, small_kit, entry)).tapes[0].mount
     assert [mount.top_mm, mount.true_mm] == pytest.approx([16.24, 16.185])
+
+
+@pytest.mark.parametrize("around", ["x", "y"])
+def test_a_print_round_a_cylinder_lies_as_its_model_does(around: Literal["x", "y"], tmp_path: Path) -> None:
+    form = {"cylinder_mm": 20.0, "around": around}
+    kit = make_kit(TapeSpec(sector=7, part="block", size_mm=(26.0, 24.0), **form), tmp_path / "round", verify=False)  # type: ignore[arg-type]
+    mount = read_object(write(tmp_path, kit, FLAT)).tapes[0].mount
+    board_mm = np.array([(0.0, 0.0), (4.0, 21.0), (13.0, 12.0), (26.0, 24.0)])
+    in_model, axes = to_object(mount, board_mm)
+    by_cad = (in_model - (1, 2, 3)) @ from_rpy((0, 0, 90))
+    shape = SolidForm(cylinder=Cylinder(radius_mm=20.0, around=around))
+    assert unwrapped(by_cad, kit.tape, shape) == pytest.approx(np.column_stack([board_mm, np.zeros(4)]), abs=1e-9)
+    assert axes[2] == pytest.approx(from_rpy((0, 0, 90)))
+    film = f'surface = "cylinder"\nradius_mm = 20\naround = "{around}"\nposition_mm = [0, 0, 0]\nrpy_deg = [0, 0, 0]'
+    with pytest.raises(SpecError, match=r"printed round a cylinder of 20 mm already.*give surface = 'plane'"):
+        read_object(write(tmp_path, kit, film))
 
 
 @pytest.mark.parametrize("surface", ["plane", "cylinder"])
@@ -319,7 +337,7 @@ def test_a_part_of_its_own_is_refused_with_what_to_give_instead(
     small_kit: Kit, frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     surface: Any = object()
-    entry = SimpleNamespace(tape=replace(small_kit.tape, surface=surface))
+    entry = SimpleNamespace(path=small_kit.path, tape=replace(small_kit.tape, surface=surface))
     monkeypatch.setattr("tactape_fab.sense.objects.taped_object.read_registered", lambda _: [entry])
     run = CliRunner().invoke(main, ["decode", str(frames), "--object", str(write(tmp_path, small_kit, FLAT))])
     assert "stands on a part of its own, not on a film; give a kit of a film\n" in run.stderr
