@@ -314,6 +314,7 @@ def _quantities(
     spread = np.sqrt(np.diag(bundle.covariance))
     seen = bool(spread[4] > 0.0)
     unit, um = ("mm", "um") if sensor.depth_unit_mm is not None else ("frame unit", "frame unit / 1000")
+    unit_mm = sensor.depth_unit_mm or 1.0
     yield Quantity("px_per_mm_u", u, sigma, "px/mm")
     yield Quantity("px_per_mm_v", v, sigma * v / u, "px/mm")
     yield Quantity("aspect", geometry.aspect, geometry.sigma_aspect)
@@ -332,7 +333,8 @@ def _quantities(
         yield Quantity("gel_correlation", gel.correlation_mm, gel.correlation_mm * estimate.sigma_ln_correlation, "mm")
     if relief is not None:
         yield Quantity("blur", relief.blur_mm, relief.sigma_blur_mm, "mm")
-        yield Quantity("amplitude", relief.amplitude, relief.sigma_amplitude, unit, "height of a part")
+        about = None if relief.sigma_amplitude is None else relief.sigma_amplitude * unit_mm
+        yield Quantity("amplitude", relief.amplitude * unit_mm, about, unit, "height of a part")
     if noise is not None:
         where = f"{noise.patches} patches off contact" if noise.patches else "between the dots; white noise is within it"
         yield Quantity("noise_slope", noise.slope, noise.sigma_slope, "", where)

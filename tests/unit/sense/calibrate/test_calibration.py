@@ -94,6 +94,12 @@ def test_gel_and_noise_are_found() -> None:
     assert found.sensor.gel.displacement_um == 0.0 and found.sensor.slope_noise == figure(found, "noise_slope")[0]
 
 
+def test_heights_and_noise_are_in_mm_whatever_the_unit_of_the_frames() -> None:
+    found = calibrate_sensor([frame * 1000 for frame in presses().frames], [TAPE], replace(WRONG, depth_unit_mm=0.001))
+    for name in ("amplitude", "noise_slope"):
+        assert figure(found, name) == pytest.approx(figure(calibrated(), name), rel=1e-3)
+
+
 def test_held_out_presses_fit_as_well() -> None:
     held = calibrated().held_out
     assert held is not None and held.folds == 5
