@@ -9,7 +9,7 @@ from typing import Any
 from tactape_fab.advise.designs import FILM
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, unknown_key
-from tactape_fab.base.templates import profile_names
+from tactape_fab.base.templates import DEFAULT_SENSOR, profile_names
 from tactape_fab.kit.profiles import FabProfile, ProcessProfile, load_fab, load_process
 from tactape_fab.kit.spec.grid_options import DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_FAB
@@ -17,7 +17,6 @@ from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.scene import Scene
 
-DEFAULT_SENSOR = "gelsight-mini"
 KEYS = ("contact_mm", "sensor", "process", "fab", "blur_mm", "placement_mm", "tapes", "size_mm")
 MOST_CONTACT_MM, MOST_BLUR_MM, MOST_PLACEMENT_MM, MOST_TAPES = 100.0, 0.5, 0.2, 1000
 _DEFAULTS = {"blur_mm": Scene().elastomer_mm, "placement_mm": Scene().placement_mm, "tapes": 1, "process": FILM}

@@ -15,6 +15,8 @@ from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 
 T = TypeVar("T")
+DEFAULT_SENSOR = "gelsight-mini"
+"""Name of the sensor profile that stands where none is given."""
 _PARSER = "tomllib" if sys.version_info >= (3, 11) else "tomli"
 _PROFILE_BYTES = 1024 * 1024
 _MOST_PARTS = 64

@@ -70,9 +70,9 @@ TAPE_OPTIONS = (
         "part",
         str,
         "NAME",
-        "Part profile, or a .toml file; block, dome, cone are for printing and milling.  [default: r0201]",
+        "Part profile, or a .toml file; block, cone, dome are solid elements, to print or mill.  [default: r0201]",
     ),
-    _TapeOption("--body", "body_mm", size, "LxWxH", "Size of block, dome or cone; of the round ones DxH."),
+    _TapeOption("--body", "body_mm", size, "LxWxH", "Size of a solid element; of the round ones DxH."),
     _TapeOption("--dome-top", "dome_top_mm", length, "MM", "Diameter of a dome's flat top."),
     _TapeOption("--rotation", "rotation_deg", degrees, "DEG", "Rotation of every part.  [default: 45]"),
     _TapeOption("--fab", "fab", str, "PROFILE", "Fab profile, or a .toml file.  [default: generic-fpc]"),
@@ -81,7 +81,7 @@ TAPE_OPTIONS = (
         "process",
         str,
         "PROFILE",
-        "Process profile, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
+        "Process profile, or a .toml file; warns of what it cannot make.  [default: sla for solid elements]",
     ),
     _TapeOption(
         "--assembly",
@@ -120,7 +120,7 @@ TAPE_OPTIONS = (
     _TapeOption("--around", "around", str, "x|y", "Board axis that goes round the cylinder.  [default: x]"),
     _TapeOption("--shell", "shell", str, "segment|whole", "Base of a cylinder: the tape's, or closed.  [default: segment]"),
     _TapeOption("--no-3d", "models", not_, None, "Leave the 3D models out.", is_flag=True),
-    _TapeOption("--no-mark", "mark", not_, None, "Leave sector and arrow out of the back of block, dome and cone.", is_flag=True),
+    _TapeOption("--no-mark", "mark", not_, None, "Leave sector and arrow out of the back of solid elements.", is_flag=True),
     _TapeOption("--sim", "sim", bool, None, "Add assets for simulators: MJCF, URDF, USD, glTF, a heightfield.", is_flag=True),
 )
 

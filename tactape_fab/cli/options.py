@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tactape_fab.base.errors import Problem, SpecError, refuse
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.cli.printing import echo_lines_err
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-SENSOR_HELP = "Sensor profile, or a .toml file.  [default: gelsight-mini]"
+SENSOR_HELP = f"Sensor profile, or a .toml file.  [default: {DEFAULT_SENSOR}]"
 
 
 # Texts to values. A text that cannot be read is passed on unchanged: it is reported with all other invalid values.
@@ -124,13 +125,13 @@ _LOCATING_TEXTS: dict[str, Callable[[str], Any]] = {
 }
 
 
-_SENSOR = click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)
+_SENSOR = click.option("--sensor", metavar="NAME|FILE.toml", default=DEFAULT_SENSOR, help=SENSOR_HELP)
 SENSORS = click.option(
     "--sensor",
     "sensors",
     multiple=True,
     metavar="NAME|FILE.toml",
-    help="Sensor profile, or a .toml file; NAME=SENSOR:SOURCE for several sensors.  [default: gelsight-mini]",
+    help=f"Sensor profile, or a .toml file; NAME=SENSOR:SOURCE for several sensors.  [default: {DEFAULT_SENSOR}]",
 )
 _AFTER = 5
 """Index of the sensor's option among the others."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, degrees, kilopascals, length, micrometres, newtons, number, pair
 from tactape_fab.cli.printing import counted, echo_line, step_shown
@@ -32,7 +33,7 @@ _READ: dict[str, Callable[[str], Any]] = {
 @click.option("--seed", metavar="S", default="0", help="Of poses, noise and defects; equal seeds give equal bytes.  [default: 0]")
 @click.option("--pose", metavar="X,Y,THETA", help="Pose of every frame, mm and degrees.  [default: spread over the tape]")
 @click.option("--edge", is_flag=True, help="Spread the poses along the edge of the texture instead.")
-@click.option("--sensor", metavar="NAME", default="gelsight-mini", help=SENSOR_HELP)
+@click.option("--sensor", metavar="NAME", default=DEFAULT_SENSOR, help=SENSOR_HELP)
 @click.option("--contact", metavar="AxB|pad", help="Axes of the elliptic contact, mm, or the whole field.  [default: 11x9]")
 @click.option("--cylinder", metavar="R", help="The strip along which a cylinder of this radius touches, mm.")
 @click.option(

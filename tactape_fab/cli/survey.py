@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, number, workers_option
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, step_shown
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("frames", nargs=-1, metavar="FRAMES...")
 @click.option("--tape", "kit", metavar="KIT", required=True, help="The kit of the tape that was touched.")
-@click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)
+@click.option("--sensor", metavar="NAME|FILE.toml", default=DEFAULT_SENSOR, help=SENSOR_HELP)
 @click.option("--poses", metavar="POSES.csv", help="Poses of the robot's flange, as for calibrate --hand-eye.")
 @click.option("--hand-eye", metavar="FILE.json", help="With --poses: where the sensor is on the flange, as calibrate wrote it.")
 @click.option("--from", "inspected", metavar="AS-BUILT.json", help="Measured places to start from: an inspection, or a survey.")

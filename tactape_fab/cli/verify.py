@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.base.errors import Problem, refuse, tried
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, workers_of, workers_option
 from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_shown, verified_line
@@ -103,7 +104,7 @@ def _verified(
         message = f"--reproduce makes the kit again and does nothing else; leave out --reproduce, or {other}"
         problems.append(Problem("reproduce", message))
     size = None if contact is None else contact_size(contact)
-    touched = tried(lambda: read_contact(sensor or "gelsight-mini", size), problems)
+    touched = tried(lambda: read_contact(sensor or DEFAULT_SENSOR, size), problems)
     count = tried(lambda: workers_of(workers, 1), problems)
     path = None
     if map_file is not None:

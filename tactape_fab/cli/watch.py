@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.cli.exits import FAILED, answers, with_options
 from tactape_fab.cli.options import SENSORS, hertz, locating_options, locating_values, named_object, number, pair, seconds
 from tactape_fab.cli.printing import clear_step, echo_lines_err
@@ -138,7 +139,7 @@ def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]
             )
             raise SpecError(Problem("source", message))
         return [
-            Wanted(sensor=sensors[-1] if sensors else "gelsight-mini", source=source, settings=_source_settings("", (), given))
+            Wanted(sensor=sensors[-1] if sensors else DEFAULT_SENSOR, source=source, settings=_source_settings("", (), given))
         ], []
     plain = [text for text in sensors if not _NAMED.fullmatch(text)]
     if plain:

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click import Option
 
 from tactape_fab import Kit
 from tactape_fab.cli import COMMANDS, command
-from tactape_fab.kit.profiles import BACKING_ROLES, LIMIT_IDS, PROCESS_LIMIT_IDS
+from tactape_fab.kit.profiles import BACKING_ROLES, LIMIT_IDS, PROCESS_LIMIT_IDS, profile_names
 from tactape_fab.kit.profiles.assembly import FORMATS
+from tactape_fab.kit.profiles.parts import solid_elements
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec.tape_spec import KEYS
 from tactape_fab.report.solid_view import MOST_TRIANGLES
@@ -73,6 +75,15 @@ def test_reference_names_every_key_role_and_rule(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES), *LATER, *LIMIT_IDS, *PROCESS_LIMIT_IDS]:
         assert f"`{name}`" in reference, name
+
+
+def test_profiles_that_come_with_the_package_are_named() -> None:
+    page = {name: (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("reference.md", "localization.md")}
+    (part,) = (option.help for option in command("make").params if isinstance(option, Option) and "--part" in option.opts)
+    assert f"; {', '.join(solid_elements())} are solid elements" in str(part)
+    assert f"; {', '.join(f'`{name}`' for name in solid_elements())} are solid elements" in page["reference.md"]
+    assert all(f"`{name}`, " in page["reference.md"] for name in profile_names("processes"))
+    assert all(f"`{name}`" in page["localization.md"] for name in profile_names("sensors"))
 
 
 def test_reference_says_how_much_of_a_solid_the_report_shows() -> None:

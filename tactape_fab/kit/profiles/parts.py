@@ -8,7 +8,7 @@ from math import isfinite, pi
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.templates import profile_table, read_once, refuse_problems
+from tactape_fab.base.templates import profile_names, profile_table, read_once, refuse_problems
 from tactape_fab.kit.profiles.assembly import read_part_numbers
 from tactape_fab.kit.profiles.chips import chip_code_problem
 from tactape_fab.texture.part import PART_SHAPES
@@ -83,6 +83,11 @@ def read_part(name: str) -> PartProfile | ElementProfile:
     profile = _part_with_lands(table) if {"pads", "paste", "courtyard"} & table.values.keys() else _element(table)
     refuse_problems(table)
     return profile
+
+
+def solid_elements() -> list[str]:
+    """Names of the solid elements that come with the package."""
+    return [name for name in profile_names("parts") if isinstance(read_part(name), ElementProfile)]
 
 
 def load_part(name: str) -> PartProfile:

@@ -7,6 +7,7 @@ from typing import Any
 from tactape_fab.base.errors import tried
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.profiles import LARGEST_BODY_MM, LEAST_BODY_MM, ElementProfile, PartProfile, element_problem, load_process
+from tactape_fab.kit.profiles.parts import solid_elements
 from tactape_fab.solids.forms import AXES, DEFAULT_BASE_MM, SHELLS, TOPS
 from tactape_fab.texture.frames import snap_mm
 
@@ -105,7 +106,8 @@ def _body(table: Fields, part: Part | None) -> tuple[tuple[float, ...] | None, f
     """Size of the element and diameter of its flat top, mm: the given ones or the profile's; None for a part with lands."""
     if isinstance(part, PartProfile):
         for key in _given(table, ("body_mm", "dome_top_mm")):
-            _contradiction(table, key, f"part = '{part.name}', whose size is fixed", "use --part block, dome or cone")
+            remedy = f"use --part {' or '.join(solid_elements())}"
+            _contradiction(table, key, f"part = '{part.name}', whose size is fixed", remedy)
     if not isinstance(part, ElementProfile):
         return None, None
     problems = len(table.problems)

@@ -51,7 +51,7 @@ class TapeSpec:
         Id of the AprilTag; None for the sector if there is a strip.
     tag_cell_mm : float
     part : str
-        Profile name, or path of a TOML file: a part with lands, or a solid element (``block``, ``dome``, ``cone``).
+        Profile name, or path of a TOML file: a part with lands, or a solid element, to print or mill.
     fab : str or None
         Profile name, or path of a TOML file; default ``generic-fpc`` for a part with lands, None for a solid element.
     rotation_deg : float

@@ -19,6 +19,7 @@ from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse, trie
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.jit import COMPILED
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.contact.surface import contact_view
 from tactape_fab.sense.decode.dots.detect import Dots
@@ -118,7 +119,7 @@ class Localizer:
     def __init__(
         self,
         tapes: TapeLike | Iterable[TapeLike],
-        sensor: str | Path | SensorProfile = "gelsight-mini",
+        sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
         *,
         method: Method = "ml",
         max_p_false: float = MAX_P_FALSE,
@@ -165,7 +166,7 @@ class Localizer:
         code: str,
         pitch_mm: float,
         displacement_mm: float,
-        sensor: str | Path | SensorProfile = "gelsight-mini",
+        sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
         *,
         max_p_false: float = MAX_P_FALSE,
         kappa: float = KAPPA,

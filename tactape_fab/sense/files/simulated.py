@@ -19,6 +19,7 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of,
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder, unfinished
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, load_sensor
 from tactape_fab.sense.simulation.arguments import edge_problems
@@ -85,7 +86,7 @@ def simulate_file(
     *,
     count: int = 1,
     seed: int = 0,
-    sensor: str = "gelsight-mini",
+    sensor: str = DEFAULT_SENSOR,
     pose: object = None,
     edge: bool = False,
     from_cpl: bool = False,

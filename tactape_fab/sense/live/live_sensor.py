@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.decode.result import refuse_no_answer
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.opening import SourceSettings, Wanted, open_watches
@@ -60,7 +61,7 @@ class LiveSensor:
         self,
         source: str,
         kits: Sequence[str],
-        sensor: str = "gelsight-mini",
+        sensor: str = DEFAULT_SENSOR,
         *,
         rate: float | Literal["max"] | None = None,
         raw: bool = False,

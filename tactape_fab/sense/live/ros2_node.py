@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, TactapeError, refuse, tried
 from tactape_fab.base.fields import Fields
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.files.image_message import depth_of
 from tactape_fab.sense.files.jobs import prepare_without_frames
 from tactape_fab.sense.live.counts import Tally
@@ -32,7 +33,7 @@ _OK, _WARN, _STALE = b"\x00", b"\x01", b"\x03"
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 PARAMETERS: Mapping[str, Any] = {
     "kits": ["tactape-s007"],
-    "sensor": "gelsight-mini",
+    "sensor": DEFAULT_SENSOR,
     "world": "open",
     "max_p_false": 1e-4,
     "frame_id": "",

@@ -9,6 +9,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import imprint, inwards
 from tactape_fab.sense.simulation.draw import parts_in_view, points_in_contact
@@ -83,7 +84,7 @@ def dots_of(
     rng: np.random.Generator | int = 0,
     errors: DotErrors | None = None,
     *,
-    sensor: str | SensorProfile = "gelsight-mini",
+    sensor: str | SensorProfile = DEFAULT_SENSOR,
 ) -> Dots:
     """The dots of one frame, without a depth map.
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.simulation.arguments import checked_poses, checked_seed, edge_problems, profile_and_scene
 from tactape_fab.sense.simulation.contact import contact_outline_mm, imprint, inside_mm
@@ -86,7 +87,7 @@ def simulate(
     position_mm: npt.ArrayLike,
     theta_deg: float,
     *,
-    sensor: str | Path | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
     scene: Scene | None = None,
     seed: int = 0,
     parts: Parts | npt.ArrayLike | None = None,
@@ -134,7 +135,7 @@ def iterate_frames(
     tape: Tape,
     count: int,
     seed: int = 0,
-    sensor: str | Path | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
     scene: Scene | None = None,
     *,
     poses: npt.ArrayLike | None = None,
@@ -179,7 +180,7 @@ def frame_at(
     number: int,
     pose: FloatArray,
     seed: int = 0,
-    sensor: str | Path | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
     scene: Scene | None = None,
 ) -> Frame:
     """Frame `number` of `iterate_frames` with this pose; it raises the same errors."""
@@ -192,7 +193,7 @@ def simulate_frames(
     tape: Tape,
     count: int,
     seed: int = 0,
-    sensor: str | Path | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
     scene: Scene | None = None,
     *,
     poses: npt.ArrayLike | None = None,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.simulation.arguments import check_count, checked_seed, edge_problems, profile_and_scene
 from tactape_fab.sense.simulation.contact import contact_outline_mm
@@ -24,7 +25,7 @@ def draw_poses(
     tape: Tape,
     count: int,
     seed: int = 0,
-    sensor: str | Path | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
     scene: Scene | None = None,
     *,
     edge: bool = False,

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.given_value import as_numbers
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.arguments import checked_seed
 from tactape_fab.sense.simulation.draw import placed
@@ -27,7 +28,7 @@ def simulate_forces(
     theta_deg: float,
     forces_n: npt.ArrayLike,
     *,
-    sensor: str | Path | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = DEFAULT_SENSOR,
     scene: Scene | None = None,
     seed: int = 0,
     parts: Parts | npt.ArrayLike | None = None,

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.pool import Workers, checked_workers, mapped
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
@@ -85,7 +86,7 @@ def survey_files(
     frames: Sequence[str],
     kit: str | Path,
     *,
-    sensor: str = "gelsight-mini",
+    sensor: str = DEFAULT_SENSOR,
     poses: str | Path | None = None,
     hand_eye: str | Path | None = None,
     inspected: str | Path | None = None,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactape_fab.base.errors import Check, Problem, SpecError, tried
+from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.dot_errors import dots_of
 from tactape_fab.sense.simulation.draw import Frame, frame_at, iterate_frames
@@ -97,7 +98,7 @@ class Contact:
     scene: Scene
 
 
-def read_contact(sensor: str = "gelsight-mini", size: object = None) -> Contact:
+def read_contact(sensor: str = DEFAULT_SENSOR, size: object = None) -> Contact:
     """Build a contact from a user's values.
 
     Parameters
