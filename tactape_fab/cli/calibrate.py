@@ -42,9 +42,9 @@ def calibrate(
 ) -> None:
     """Calibrate a sensor: press a tape some ten times, anywhere, and get the sensor's profile with the error of everything.
 
-    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif; those that touch nothing are welcome. Of --like only size and
-    mask must be right, and its px/mm within a factor of two. Exit status 2 where the presses do not say enough, with what to
-    press.
+    FRAMES are .npz (array depth), .npy, .png of 16 bits, or .tif of 16 or of floats of 32; those that touch nothing are welcome.
+    Of --like only size and mask must be right, and its px/mm within a factor of two. Exit status 2 where the presses do not say
+    enough, with what to press.
 
     \b
     Example: tactape-fab calibrate presses.npz --tape tactape-s007 -o my-sensor.toml

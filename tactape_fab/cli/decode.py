@@ -49,8 +49,8 @@ def decode(
 ) -> None:
     """Locate contacts: which tape each frame touches, where and at what angle, or why that cannot be said.
 
-    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif; after --raw, further PNG and JPEG images; or recordings: an
-    .mcap, a folder of rosbag2, a LeRobot dataset.
+    FRAMES are .npz (array depth), .npy, .png of 16 bits, or .tif of 16 or of floats of 32; after --raw, further PNG and JPEG
+    images; or recordings: an .mcap, a folder of rosbag2, a LeRobot dataset.
 
     \b
     Example: tactape-fab decode frames.npz --tape tactape-s007

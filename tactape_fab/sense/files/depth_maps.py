@@ -32,7 +32,9 @@ _MOST_BYTES = 1 << 30
 _MOST_HEADER_BYTES = 10_000
 _MOST_MEMBERS = 1000
 _SHOWN = 100
-_REMEDY = "give an .npz with an array 'depth' of shape (N, h, w) or (h, w), an .npy, or a 16-bit .png or .tif"
+_REMEDY = (
+    "give an .npz with an array 'depth' of shape (N, h, w) or (h, w), an .npy, a 16-bit .png, or a .tif of 16 bits or of floats"
+)
 _REMEDIES = {
     "timestamp": "give seconds, of dates such as times.astype('datetime64[ns]').astype('int64') / 1e9, or leave it out",
     "px_per_mm": "give one number or two, or leave it out",
@@ -98,7 +100,7 @@ def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[Fram
     """Open files of frames that a sensor took.
 
     paths: ``.npz`` with ``depth`` (N, h, w) or (h, w), optionally ``timestamp`` (N,) and ``px_per_mm`` (a number, or one along u
-        and one along v); ``.npy`` with the same array; one frame as a ``.png`` or ``.tif`` of 16 bits.
+        and one along v); ``.npy`` with the same array; one frame as a ``.png`` or ``.tif``.
     sensor: Sensor of the frames.
     Raises SpecError with every problem of the files.
     """

@@ -78,9 +78,13 @@ def is_recording(path: str | Path) -> bool:
     """Whether a path is that of a recording: an .mcap, or a folder of rosbag2 or of a LeRobot dataset."""
     path = Path(path)
     try:
-        return path.suffix.lower() in (MCAP, *OTHER_BAGS) or (path / BAG).is_file() or (path / DATASET).is_file()
+        return _is_bag(path) or (path / DATASET).is_file()
     except (OSError, ValueError):
         return False
+
+
+def _is_bag(path: Path) -> bool:
+    return path.suffix.lower() in (MCAP, *OTHER_BAGS) or (path / BAG).is_file()
 
 
 def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = None, *, colour: bool = False) -> Recording:
@@ -96,7 +100,7 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
     from tactape_fab.sense.files.mcap_images import open_bag
 
     path = Path(path)
-    opened = open_bag if path.suffix.lower() in (MCAP, *OTHER_BAGS) or (path / BAG).is_file() else open_dataset
+    opened = open_bag if _is_bag(path) else open_dataset
     try:
         topic, ours, read = opened(path, topic, colour)
     except MissingLibraryError:
@@ -134,6 +138,5 @@ def _damaged(path: Path, error: Exception) -> SpecError:
     reason = str(error).split("\n", maxsplit=1)[0][:200] or type(error).__name__
     if isinstance(error, FrameError | ValueError | OSError):
         return SpecError(Problem("frames", f"{shown_path(path)} cannot be read: {reason}; record it again, or give another"))
-    packed = path.suffix.lower() == MCAP or (path / BAG).is_file()
-    remedy = "mcap recover FILE.mcap -o WHOLE.mcap saves what is whole" if packed else "record it again"
+    remedy = "mcap recover FILE.mcap -o WHOLE.mcap saves what is whole" if _is_bag(path) else "record it again"
     return SpecError(Problem("frames", f"{shown_path(path)} is damaged ({type(error).__name__}: {reason}); {remedy}"))

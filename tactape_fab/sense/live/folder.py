@@ -32,8 +32,9 @@ _TICK_S = 0.05
 """A folder's time may stay the same for so long after a file is added."""
 _ENDINGS = {".png": (b"IEND\xaeB`\x82", 8), ".jpg": (b"\xff\xd9", 64), ".jpeg": (b"\xff\xd9", 64)}
 """End marks of complete images (PNG, 11.2.5; ITU-T T.81, B.1.1.3); OpenCV decodes the top of a truncated file."""
+_SAY_LENGTH = (".npz", ".npy")
 _SETTLED_S = 0.1
-"""A TIFF does not say where it ends: it is whole once it has not changed for so long."""
+"""Any other file, such as a TIFF, does not say where it ends: it is whole once it has not changed for so long."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -127,7 +128,7 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
     if status.st_ino != file.inode:  # another file was moved into its place: none of its frames was taken
         file.inode, file.taken, file.seen = status.st_ino, 0, (-1, -1)
     seen, now_s = (status.st_size, status.st_mtime_ns), perf_counter()
-    settled = path.suffix.lower() not in (".tif", ".tiff") or time() - status.st_mtime > _SETTLED_S
+    settled = path.suffix.lower() in (*_ENDINGS, *_SAY_LENGTH) or time() - status.st_mtime > _SETTLED_S
     # neither size nor time has changed: another try would end as the last one did
     if seen == file.seen:
         if not file.reported and now_s - file.since_s > PATIENCE_S:

@@ -29,11 +29,11 @@ PICTURES = (".png", ".tif", ".tiff")
 COLOUR_PICTURES = (".png", ".jpg", ".jpeg")
 
 _MOST_BYTES = 256 << 20
-_WIDTH, _HEIGHT, _BITS, _SAMPLES, _FORMAT = 256, 257, 258, 277, 339
+_WIDTH, _HEIGHT, _BITS, _SAMPLES, _FORMAT, _ORIENTATION = 256, 257, 258, 277, 339, 274
 _NUMBERS = {(16, 2): "signed", (16, 3): "floating-point", (32, 1): "unsigned", (32, 2): "signed"}
 """Kinds of numbers by BitsPerSample and SampleFormat (TIFF 6.0, section 19) that are no depth maps here."""
 _PURPOSE = "reading a picture"
-_REMEDY = "write it with one channel of 16 bits"
+_REMEDY = "write it with one channel of 16 bits, or a .tif of floats of 32"
 _COLOUR_REMEDY = "give a PNG or JPEG with three channels of 8 bits"
 
 
@@ -148,6 +148,9 @@ def _tiff_header(data: bytes) -> tuple[int, int, int, int]:
     directory = TiffDirectory(data, _REMEDY)
     if directory.several:
         raise SpecError("it holds several pictures; give an .npz for many frames")
+    # OpenCV turns and mirrors pictures by this tag, whatever its flags: a half turn would be one of the answer's angle
+    if 2 <= (turn := directory.value(_ORIENTATION, 1)) <= 8:
+        raise SpecError(f"it is to be turned or mirrored (tag Orientation = {turn}); write it without that tag")
     bits, channels = directory.value(_BITS, 1), directory.value(_SAMPLES, 1)
     if (kind := _NUMBERS.get((bits, directory.value(_FORMAT, 1)))) is not None:
         raise SpecError(f"it has {kind} numbers of {bits} bits; write unsigned ones of 16 bits, or floats of 32")

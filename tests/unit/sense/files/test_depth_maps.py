@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 
 from tactape_fab import Kit
 from tactape_fab.base.errors import SpecError
+from tactape_fab.cli import command
 from tactape_fab.sense import load_sensor
-from tactape_fab.sense.files.depth_maps import FrameFile, open_frame_file, open_frames
+from tactape_fab.sense.files.depth_maps import _REMEDY, SUFFIXES, FrameFile, open_frame_file, open_frames
 from tactape_fab.sense.files.jobs import is_kit
 from tactape_fab.sense.files.simulated import simulate_file
 from tactape_fab.texture.registry import read_tapes
@@ -161,6 +162,27 @@ def test_what_is_no_depth_map_is_named(tmp_path: Path, case: str) -> None:
 def test_tiff_of_signed_numbers_is_named(tmp_path: Path, kind: type[np.generic], words: str) -> None:
     cv2.imwrite(str(tmp_path / "f.tif"), np.zeros((32, 40), kind))
     assert f"it has {words}; write unsigned ones of 16 bits, or floats of 32" in refused(tmp_path / "f.tif")
+
+
+@pytest.mark.parametrize("turn", range(1, 9))
+def test_tiff_that_opencv_would_turn_is_refused(tmp_path: Path, turn: int) -> None:
+    cv2.imwrite(str(tmp_path / "f.tif"), ramp(1)[0])
+    data = bytearray((tmp_path / "f.tif").read_bytes())
+    start = int.from_bytes(data[4:8], "little")
+    tags = {int.from_bytes(data[at : at + 2], "little"): at for at in range(start + 2, start + 2 + 12 * data[start], 12)}
+    # tag SamplesPerPixel (277), 1 where it is missing, becomes Orientation (274)
+    data[tags[277] : tags[277] + 2], data[tags[277] + 8] = (274).to_bytes(2, "little"), turn
+    (tmp_path / "f.tif").write_bytes(data)
+    if turn == 1:
+        np.testing.assert_array_equal(read(open_frame_file(tmp_path / "f.tif")), ramp(1))
+    else:
+        assert f"(tag Orientation = {turn}); write it without that" in refused(tmp_path / "f.tif")
+
+
+def test_every_kind_of_file_is_named_where_it_is_offered() -> None:
+    offered = [_REMEDY, str(command("decode").help), str(command("calibrate").help)]
+    offered.append((Path(__file__).parents[4] / "docs" / "localization.md").read_text(encoding="utf-8"))
+    assert all(suffix in text for suffix in SUFFIXES if suffix != ".tiff" for text in offered)
 
 
 def test_tiff_of_two_pictures_is_refused(tmp_path: Path) -> None:
