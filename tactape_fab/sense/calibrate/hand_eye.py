@@ -41,6 +41,8 @@ LEAST_BEYOND_MM, BEYOND_SIGMAS = 10.0, 3.0
 """The flange is reported as beyond the tape from this distance and so many sigmas on: a tool's frame may be in the gel."""
 FACE_DOWN = 0.7
 """Cosine of the angle between the tape's normal and the base's z axis, downward, from where on the tape faces down: 45 deg."""
+MOST_TILT_RAD = 0.1
+"""Largest tilts of presses on a flat tape (rms): a sensor that is tilted farther loses the contact."""
 MOST_SHARE = 0.5
 """Largest share of the variance of tilts by the arm's own errors; above it, tilts do not tell how far the sensor reaches out."""
 _STARTS = 6
@@ -152,7 +154,7 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
         tape=name,
         frames=tuple(presses[k].frame for k in which),
         left=rms,
-        remarks=(*odd, *_remarks(covariance), *_mirrored(matrix_of(z[-12:-6]), matrix_of(z[-6:]), covariance)),
+        remarks=(*odd, *_remarks(covariance, rms), *_mirrored(matrix_of(z[-12:-6]), matrix_of(z[-6:]), covariance)),
     )
 
 
@@ -359,8 +361,8 @@ def _mirrored(sensor_to_flange: FloatArray, tape_to_base: FloatArray, covariance
     ]
 
 
-def _remarks(covariance: FloatArray) -> list[str]:
-    """Remarks on motions that the arm's poses do not determine."""
+def _remarks(covariance: FloatArray, left: FloatArray) -> list[str]:
+    """Remarks on motions that the arm's poses do not determine, and on tilts that no flat tape allows."""
     remarks = []
     # the directions that matter: across and along the sensor's axis
     sigma = np.sqrt(np.diag(covariance))
@@ -372,5 +374,10 @@ def _remarks(covariance: FloatArray) -> list[str]:
         remarks.append(
             "hand-eye: how far the sensor reaches out from the flange is open, as all presses have the flange at one tilt; "
             "the sum of that and of the tape's height is known"
+        )
+    if (tilt_rad := left[3:5].max()) > MOST_TILT_RAD:
+        remarks.append(
+            f"hand-eye: presses are tilted by {np.degrees(tilt_rad):.2g} deg (rms), as on a tape that is not flat, and both "
+            "transforms are off by more than is said; press one that lies on a plane"
         )
     return remarks

@@ -91,6 +91,12 @@ def test_how_flange_and_base_are_named_does_not_change_the_covariance() -> None:
     assert (again.covariance - found.covariance) / np.outer(sigma, sigma) == pytest.approx(0.0, abs=0.01)
 
 
+def test_a_tape_that_is_not_flat_is_named() -> None:
+    assert not any("not flat" in remark for remark in solved_again(arm_poses(presses().poses, 0.05)).remarks)
+    (remark,) = solved_again(arm_poses(presses().poses, 0.2)).remarks
+    assert "deg (rms), as on a tape that is not flat" in remark
+
+
 def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
     found = solved_again(arm_poses(presses().poses, 0.0))
     assert any("how far the sensor reaches out" in remark for remark in found.remarks)
