@@ -101,17 +101,18 @@ def calibrate_sensor(
     images, bad = checked_frames(frames)
     height, width = images[0].shape
     start = fitted_size((height, width), given)
-    valid = valid_pixels(images, start)
-    if valid is not None and valid.mean() < LEAST_SHARE:
-        message = f"only {100 * valid.mean():.1f} % of the pixels change from frame to frame; give frames of different presses"
-        raise SpecError(Problem("frames", message))
     all_images = images  # a known direction may be that of a repeated frame, which is emptied now
     images, repeats = without_repeats(images)
     bad += repeats
+    valid = valid_pixels(images, start)
+    seen = with_depth(valid, start)
+    if valid is not None and seen is not None and seen.mean() < LEAST_SHARE:
+        message = f"only {100 * seen.mean():.1f} % of the pixels change from frame to frame; give frames of different presses"
+        raise SpecError(Problem("frames", message))
     known = None if known_theta is None else _known(known_theta, len(images))
-    rough = find_orientation(images, registered, start, with_depth(valid, start))
+    rough = find_orientation(images, registered, start, seen)
     if rough is None:
-        raise SpecError(unseen(images, bad, registered, with_mask(start, with_depth(valid, start))))
+        raise SpecError(unseen(images, bad, registered, with_mask(start, seen)))
     if valid is not None:
         valid = clear_of_blind(valid, float(np.mean(rough.px_per_mm)))
     valid = with_depth(valid, start)

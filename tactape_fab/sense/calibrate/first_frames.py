@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_size, with_depth, with_mask
-from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault
+from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault, without_repeats
 from tactape_fab.sense.calibrate.presses import Frame
 from tactape_fab.sense.calibrate.valid import valid_pixels
 from tactape_fab.sense.decode.dots.frame_dots import detected
@@ -78,7 +78,8 @@ def look_at_frames(
     if (height, width) != like.frame_shape:
         h, w = like.frame_shape
         wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like")
-    valid = valid_pixels(images, sensor)
+    once, _ = without_repeats(images)
+    valid = valid_pixels(once, sensor)
     if valid is not None:
         wrong.append(
             f"{100 * (1 - valid.mean()):.1f} % of the pixels never change: blind ones belong into a mask; calibrate writes it"
@@ -101,7 +102,9 @@ def look_at_frames(
     if found == 0:
         problems = _of_profile(images, tapes, sensor)
         wrong.append(problems if px_per_mm is None else of_file_scale(problems))
-    return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(found, len(images), wrong))
+    # what is there twice is one press
+    located = [fix.located for fix, image in zip(answers, once, strict=True) if np.isfinite(image).any()]
+    return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(sum(located), len(located), wrong))
 
 
 def _of_values(images: Sequence[Frame]) -> list[str]:

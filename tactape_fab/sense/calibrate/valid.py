@@ -27,6 +27,7 @@ def valid_pixels(frames: Sequence[Frame], like: SensorProfile) -> BoolArray | No
     A blind pixel holds the same value in every frame, or NaN. The noise of a real one is never exactly zero. What the mask of
     `like` hides is not looked at: it counts as valid.
     """
+    frames = [frame for frame in frames if np.isfinite(frame).any()]
     if len(frames) < LEAST_FRAMES:
         return None
     first = frames[0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import SpecError
-from tactape_fab.sense import SensorProfile
+from tactape_fab.sense import SensorProfile, calibrate_sensor
 from tactape_fab.sense.calibrate.first_frames import look_at_frames
 from tactape_fab.sense.calibrate.orientation import fitted_size
 from tactape_fab.sense.calibrate.presses import Frame
@@ -30,6 +30,18 @@ def test_good_frames_are_left_alone() -> None:
     assert found.next_step == "7 of 7 frames are located: run tactape-fab calibrate with them"
     assert min(look.dots for look in found.frames) > 15
     assert set(found.to_mapping()) == {"frames", "wrong", "next_step"}
+
+
+def test_one_press_given_many_times_is_one() -> None:
+    """Its pixels never change: by a profile with a mask all were blind, and calibrate asked to press harder."""
+    rim = np.pad(np.ones((220, 300), dtype=bool), 10)
+    frames = [np.where(rim, good()[0], 0.0)] * 12
+    masked = replace(TRUE, mask=rim)
+    found = look_at_frames(frames, [TAPE], masked)
+    assert [look.located for look in found.frames] == [True] * 12 and "11 frames are the same" in found.wrong[0]
+    assert found.next_step.startswith("1 of 1 frames are located; press the tape some ten times")
+    with pytest.raises(SpecError, match=r"^only 1 press of 12 frames can be used.*what is there twice counts once"):
+        calibrate_sensor(frames, [TAPE], masked)
 
 
 def test_a_file_s_own_scale_counts() -> None:
