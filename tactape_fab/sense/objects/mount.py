@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, radians, sin
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,8 @@ from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 SurfaceKind = Literal["plane", "cylinder"]
 Around = Literal["x", "y"]
+SURFACES: tuple[str, ...] = get_args(SurfaceKind)
+AROUND: tuple[str, ...] = get_args(Around)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,15 +62,15 @@ class Mount:
     around: Around = "x"
 
     def __post_init__(self) -> None:
-        refuse_other(self.surface, str, "mount.surface", "surface", "plane or cylinder")
+        refuse_other(self.surface, str, "mount.surface", "surface", " or ".join(SURFACES))
         remedy = "a rotation matrix (3, 3)"
         rotation = as_numbers(self.rotation, (3, 3), "mount.rotation", remedy)
         position_mm = as_numbers(self.position_mm, (3,), "mount.position_mm", "x, y and z in mm")
         table = Fields({"surface": self.surface, "around": self.around, "top_mm": self.top_mm, "true_mm": self.true_mm}, "mount.")
         if not is_rotation(rotation):
             table.problem("rotation", f"rotation = {shown(rotation.tolist())} is no rotation; give {remedy}")
-        if table.text("surface", choices=("plane", "cylinder")) == "cylinder":
-            table.text("around", choices=("x", "y"))
+        if table.text("surface", choices=SURFACES) == "cylinder":
+            table.text("around", choices=AROUND)
             table.number("top_mm", above=0.0)
             table.number("true_mm", above=0.0)
         refuse(table.problems)

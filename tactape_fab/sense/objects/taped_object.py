@@ -16,7 +16,7 @@ from tactape_fab.base.templates import read_toml
 from tactape_fab.sense.decode.result import refuse_no_answer, state_of, tape_named
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
 from tactape_fab.sense.geometry import from_quaternion
-from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, printed_mount, texture_surface
+from tactape_fab.sense.objects.mount import AROUND, SURFACES, Mount, ObjectPose, on_surface, printed_mount, texture_surface
 from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
 from tactape_fab.texture.manifest import find_manifest, read_manifest
@@ -184,14 +184,14 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
     table = Fields(row, where, problems)
     table.refuse_unknown(_KEYS)
     before = len(problems)
-    surface = table.text("surface", choices=("plane", "cylinder"), default="plane")
+    surface = table.text("surface", choices=SURFACES, default="plane")
     round_keys = [key for key in ("radius_mm", "under_mm", "around") if key in row]
     radius = under = 0.0
     around = "x"
     if surface == "cylinder":
         radius = table.number("radius_mm", above=0.0, high=LARGEST_RADIUS_MM, default=1.0)
         under = table.number("under_mm", low=0.0, high=100.0) if "under_mm" in row else 0.0
-        around = table.text("around", choices=("x", "y"), default="x")
+        around = table.text("around", choices=AROUND, default="x")
     elif round_keys:
         table.problem(
             round_keys[0], f"{round_keys[0]} is of a cylinder, but surface is {shown(surface)}; give surface = 'cylinder'"
@@ -276,7 +276,7 @@ def _read_kit(kit: Path, table: Fields) -> tuple[Tape, Mount | None] | None:
     if form is None:
         return tape, None
     cylinder = Fields(form if isinstance(form, Mapping) else {}, f"{table.where}kit: solid.cylinder.", table.problems)
-    around = cylinder.text("around", choices=("x", "y"), default="x")
+    around = cylinder.text("around", choices=AROUND, default="x")
     radius_mm = cylinder.number("radius_mm", above=0.0, high=LARGEST_RADIUS_MM, default=1.0)
     return tape, printed_mount(tape.board.size_mm, radius_mm, "y" if around == "y" else "x")
 
