@@ -219,7 +219,7 @@ def make_reconstruction(background: npt.ArrayLike, network: Network, px_per_mm: 
     network : Network
         From `load_network`.
     px_per_mm : float or (float, float)
-        Scale of the images, px/mm: of both axes, or along u and along v.
+        Scale of the images as the camera delivers them, px/mm: of both axes, or along their width and along their height.
 
     Returns
     -------
