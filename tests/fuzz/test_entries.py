@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.sense.files.depth_maps import SUFFIXES
 from tests.fuzz.cases import Fault, install_watch, run_case
 from tests.fuzz.entries import Entry, Read, all_entries
 from tests.fuzz.mutate import mutated
@@ -43,6 +44,10 @@ NAMES = (
     "kit: report",
     *("kit: stl", "kit: 3mf", "kit: step-solid", "kit: step-assembly"),
 )
+
+
+def test_every_kind_of_file_of_frames_has_an_entry() -> None:
+    assert {Path(name).suffix for name in NAMES if name.startswith("frame")} == {*SUFFIXES} - {".tiff"}
 
 
 @pytest.fixture(scope="module")

@@ -277,7 +277,7 @@ def _read_kit(kit: Path, table: Fields) -> tuple[Tape, Mount | None] | None:
         return tape, None
     cylinder = Fields(form if isinstance(form, Mapping) else {}, f"{table.where}kit: solid.cylinder.", table.problems)
     around = cylinder.text("around", choices=AROUND, default="x")
-    radius_mm = cylinder.number("radius_mm", above=0.0, high=LARGEST_RADIUS_MM, default=1.0)
+    radius_mm = cylinder.number("radius_mm", above=0.0, high=10 * FARTHEST_MM, default=1.0)
     return tape, printed_mount(tape.board.size_mm, radius_mm, "y" if around == "y" else "x")
 
 
