@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -19,7 +19,7 @@ from tactape_fab.sense.decode.dots.frame_dots import detected
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import SOLID_DOTS
 from tactape_fab.sense.decode.rule import GOOD_TRUST
-from tactape_fab.sense.files.jobs import by_scale_of_file, of_file_scale
+from tactape_fab.sense.files.jobs import at_scale, by_scale_of_file, of_file_scale
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.tape import Tape
 
@@ -74,7 +74,7 @@ def look_at_frames(
     height, width = images[0].shape
     sensor = fitted_size((height, width), like)
     if px_per_mm is not None:
-        sensor = replace(sensor, px_per_mm=px_per_mm)
+        sensor = at_scale(sensor, px_per_mm)
     if (height, width) != like.frame_shape:
         h, w = like.frame_shape
         wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Condition, Event, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, TactapeError
-from tactape_fab.sense.files.jobs import Job, Locate, Located, by_scale_of_file, make_locator
+from tactape_fab.sense.files.jobs import Job, Locate, Located, at_scale, by_scale_of_file, make_locator
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble, take_next
 from tactape_fab.sense.sensors import SensorProfile
@@ -141,6 +141,6 @@ def _locator(watched: Watch, px_per_mm: tuple[float, float] | None, locators: _L
     if scale not in locators:
         if len(locators) == MOST_SCALES:
             raise FrameError(f"it has a px_per_mm of its own, {scale}, after {MOST_SCALES} others; leave it out of the files")
-        sensor = job.sensor if scale == job.sensor.px_per_mm else replace(job.sensor, px_per_mm=scale)
+        sensor = at_scale(job.sensor, scale)
         locators[scale] = (sensor, watched.locator(job, sensor))
     return locators[scale]

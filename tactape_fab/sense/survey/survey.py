@@ -21,6 +21,7 @@ from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
+from tactape_fab.sense.files.jobs import at_scale
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.survey.adjust import COMMON, Adjusted, Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, Ground, contact_of, ground_of
@@ -132,7 +133,7 @@ def survey_files(
         if len(scales) > 1:
             message = "the files are of sensors with different px/mm; survey them one by one with --from"
             problems.append(Problem("frames", message))
-        profile = replace(profile, px_per_mm=scales.pop())
+        profile = at_scale(profile, scales.pop())
     if output is not None and tape is not None:
         tried(lambda: refuse_other_kit(file_of(Path(output)), manifest_digest(find_manifest(kit)), "output"), problems)
     refuse(problems)
