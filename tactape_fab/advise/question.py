@@ -50,8 +50,10 @@ class Question:
 
 def read_question(values: Mapping[str, Any]) -> Question:
     """Read a question from untrusted values; missing keys have their defaults. Raises SpecError: every problem found."""
-    table = Fields({**_DEFAULTS, **values})
-    problems = table.problems
+    problems: list[Problem] = []
+    sensor = tried(lambda: load_sensor(values.get("sensor", DEFAULT_SENSOR)), problems)
+    blur = {} if sensor is None or sensor.gel.blur_mm is None else {"blur_mm": sensor.gel.blur_mm}
+    table = Fields({**_DEFAULTS, **blur, **values}, "", problems)
     problems += [unknown_key(key, KEYS) for key in values if key not in KEYS]
     if "contact_mm" not in values:
         table.problem("contact_mm", "contact is missing; give --contact MM, such as 6")
@@ -71,7 +73,6 @@ def read_question(values: Mapping[str, Any]) -> Question:
             f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
         )
         problems.append(Problem("fab", message))
-    sensor = tried(lambda: load_sensor(values.get("sensor", DEFAULT_SENSOR)), problems)
     fab = values.get("fab", DEFAULT_FAB)  # also read if the process is refused
     making = tried(lambda: load_process(process) if known and process != FILM else load_fab(fab), problems)
     if problems or sensor is None or making is None or size_mm is None:

@@ -29,7 +29,7 @@ _HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "erro
 @click.option("--sensor", metavar="NAME", help=SENSOR_HELP)
 @click.option("--process", metavar="fpc|PROFILE", help="How it is made: fpc, or a process profile such as sla.  [default: fpc]")
 @click.option("--fab", metavar="PROFILE", help="With fpc: fab profile, or a .toml file.  [default: generic-fpc]")
-@click.option("--blur", metavar="MM", help="Standard deviation of what the gel smooths.  [default: 0.15]")
+@click.option("--blur", metavar="MM", help="Standard deviation of what the gel smooths.  [default: that of the sensor, or 0.15]")
 @click.option("--placement", metavar="MM", help="Standard deviation of the parts' places along each axis.  [default: 0]")
 @click.option("--tapes", metavar="N", help="How many tapes will be registered.  [default: 1]")
 @click.option("--size", "size_mm", metavar="WxH", help="Outline of one tape, mm.  [default: 100x50]")
