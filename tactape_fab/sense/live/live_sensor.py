@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from math import cos, radians, sin
 from numbers import Integral, Real
 from os import PathLike
@@ -15,6 +16,7 @@ from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.decode.result import refuse_no_answer
+from tactape_fab.sense.files.jobs import Job, Locate, make_locator
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.opening import SourceSettings, Wanted, open_watches
 from tactape_fab.sense.live.watch import watch
@@ -81,13 +83,17 @@ class LiveSensor:
         sensor = str(as_path(sensor, "sensor", "the name of a profile or a .toml file"))
         paths = [str(as_path(kit, "kits", "the paths of kits")) for kit in given]
         wanted = Wanted(sensor=sensor, source=source, settings=settings)
-        (self._watched,) = open_watches([wanted], paths, (), world=world, max_p_false=max_p_false)
+        (watched,) = open_watches([wanted], paths, (), world=world, max_p_false=max_p_false)
+        self._watched = replace(watched, locator=self._prepare)
         self._latest: Located | None = None
-        self._came_s, self._troubles = 0.0, list[str]()
+        self._came_s, self._troubles, self._prepared = 0.0, list[str](), False
         self._changed, self._stop, self._tally = Condition(), Event(), Tally()
         self._ended: BaseException | None = None
         self._thread = Thread(target=self._run, daemon=True, name="watch")
         self._thread.start()
+        with self._changed:
+            # the decoder is prepared in a second, or compiled in twenty: that is no part of the time in which a frame is to come
+            self._changed.wait_for(lambda: self._prepared or self._ended is not None)
 
     @property
     def tapes(self) -> Sequence[Tape]:
@@ -159,6 +165,13 @@ class LiveSensor:
         if self._latest is None or self._latest.frame <= after:
             return False
         return max_age_s is None or perf_counter() - self._came_s <= max_age_s
+
+    def _prepare(self, job: Job, sensor: SensorProfile) -> Locate:
+        locate = make_locator(job, sensor)
+        with self._changed:
+            self._prepared = True
+            self._changed.notify_all()
+        return locate
 
     def _run(self) -> None:
         ended: BaseException = EOFError()

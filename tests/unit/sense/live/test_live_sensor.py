@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from tactape_fab import Kit, Localization, SpecError, TactapeError
-from tactape_fab.sense import LiveSensor, observation, observation_names, simulate_frames
+from tactape_fab.sense import LiveSensor, SensorProfile, observation, observation_names, simulate_frames
+from tactape_fab.sense.files.jobs import Job, Locate, make_locator
 from tests.contacts import TAPE, tape_of
 
 COUNT = 12
@@ -42,6 +43,18 @@ def test_each_read_can_wait_for_a_later_frame(live: LiveSensor) -> None:
     with pytest.raises(TactapeError, match="has ended"):
         live.read(after=COUNT - 1, timeout_s=10.0)
     assert not live.running
+
+
+def test_the_time_that_the_decoder_takes_to_prepare_is_none_of_a_read(
+    default_kit: Kit, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slow(job: Job, sensor: SensorProfile) -> Locate:
+        time.sleep(1.2)
+        return make_locator(job, sensor)
+
+    monkeypatch.setattr("tactape_fab.sense.live.live_sensor.make_locator", slow)
+    with LiveSensor(str(recording), [str(default_kit.path)], rate=20.0) as live:
+        assert live.read().fix.located
 
 
 def test_an_answer_that_is_too_old_is_none(default_kit: Kit, recording: Path, tmp_path: Path) -> None:
