@@ -176,8 +176,10 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
     unit_mm = None
     if "depth" in table.values:
         unit_mm = table.table("depth", ("unit_mm",)).number("unit_mm", above=0.0, high=1000.0)
-    width_px = image.integer("width_px", low=16, high=MOST_PX, default=16)
-    height_px = image.integer("height_px", low=16, high=MOST_PX, default=16)
+    before = len(table.problems)
+    width_px = image.integer("width_px", low=16, high=MOST_PX, default=MOST_PX)
+    height_px = image.integer("height_px", low=16, high=MOST_PX, default=MOST_PX)
+    sized = len(table.problems) == before  # a mask cannot be held against a size that is refused
     scale = image.numbers("px_per_mm", 2, low=1.0, high=1000.0, unit="px/mm")
     # True is 1 in Python, and would pass
     if isinstance(orientation.values.get("sign"), bool) or orientation.values.get("sign") not in (1, -1):
@@ -196,7 +198,7 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
         depth_unit_mm=unit_mm,
         **_given(noise, _SMOOTH, needed=slope_noise is None),
         scale_tolerance=image.number("scale_tolerance", low=0.0, high=0.5, unit=""),
-        mask=_read_mask(image, folder, (height_px, width_px), mirror, rotate90) if "mask" in image.values else None,
+        mask=_read_mask(image, folder, (height_px, width_px), mirror, rotate90) if "mask" in image.values and sized else None,
         slope_noise=slope_noise,
         geometry=_read_geometry(table, (width_px, height_px)),
         gel=_read_gel(table),

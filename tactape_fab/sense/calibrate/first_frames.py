@@ -21,6 +21,7 @@ from tactape_fab.sense.decode.result import SOLID_DOTS
 from tactape_fab.sense.decode.rule import GOOD_TRUST
 from tactape_fab.sense.files.jobs import at_scale, by_scale_of_file, of_file_scale
 from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import BoolArray
 from tactape_fab.texture.tape import Tape
 
 MOST_FRAMES = 200
@@ -69,17 +70,17 @@ def look_at_frames(
     """
     images, bad = checked_frames(frames)
     images = images[:MOST_FRAMES]
-    wrong = [f"{fault}; leave it out, or look at how it is saved" for fault in bad[:5]]
-    wrong += _of_values(images)
     height, width = images[0].shape
     sensor = fitted_size((height, width), like)
     if px_per_mm is not None:
         sensor = at_scale(sensor, px_per_mm)
+    once, _ = without_repeats(images)
+    valid = valid_pixels(once, sensor)
+    wrong = [f"{fault}; leave it out, or look at how it is saved" for fault in bad[:5]]
+    wrong += _of_values(images, with_depth(valid, sensor))
     if (height, width) != like.frame_shape:
         h, w = like.frame_shape
         wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like")
-    once, _ = without_repeats(images)
-    valid = valid_pixels(once, sensor)
     if valid is not None:
         wrong.append(
             f"{100 * (1 - valid.mean()):.1f} % of the pixels never change: blind ones belong into a mask; calibrate writes it"
@@ -107,8 +108,8 @@ def look_at_frames(
     return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(sum(located), len(located), wrong))
 
 
-def _of_values(images: Sequence[Frame]) -> list[str]:
-    """Faults of the values themselves."""
+def _of_values(images: Sequence[Frame], seen: BoolArray | None) -> list[str]:
+    """Faults of the values themselves; `seen` are the pixels that carry depth, None for all."""
     reasons = []
     whole = [image for image in images if frame_fault(image) is None]
     few = [len(np.unique(image[np.isfinite(image)])) for image in whole[:5]]
@@ -119,8 +120,9 @@ def _of_values(images: Sequence[Frame]) -> list[str]:
     same = sum(np.array_equal(a, b) for a, b in pairwise(whole))
     if same:
         reasons.append(f"{same} frames are the same as the one before, pixel for pixel; save frames as they come")
-    # a real number is the largest in one pixel, a cut-off one in many
-    largest = max((float(np.mean(image == np.nanmax(image))) for image in whole), default=0.0)
+    # a real number is the largest in one pixel, a cut-off one in many; a blind one may be the largest of all
+    depths = [image if seen is None else image[seen] for image in whole]
+    largest = max((float(np.mean(depth == np.nanmax(depth))) for depth in depths if np.isfinite(depth).any()), default=0.0)
     if largest > 0.01:
         reasons.append(f"up to {100 * largest:.0f} % of a frame's pixels have its largest value: depth is cut off; press less")
     return reasons

@@ -179,6 +179,13 @@ def test_all_problems_of_a_profile_come_together(write: Write) -> None:
     ]
 
 
+def test_nothing_is_held_against_a_size_that_is_refused(write: Write) -> None:
+    camera = ("[orientation]", "[geometry]\ncenter_px = [159.5, 119.5]\n\n[orientation]")
+    with pytest.raises(SpecError) as error:
+        load_sensor(write(("width_px = 320", "width_px = 320.0"), masked("10"), camera))
+    assert [p.key for p in error.value.problems] == ["sensor mine: image.width_px"]
+
+
 def test_an_unknown_name_lists_the_known() -> None:
     with pytest.raises(SpecError, match=f"sensor = 'gelsight' is none of: {', '.join(profile_names('sensors'))}"):
         load_sensor("gelsight")

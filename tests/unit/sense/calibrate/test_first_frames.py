@@ -89,6 +89,8 @@ def test_faults_of_the_frames_are_named() -> None:
     assert "12.5 % of the pixels never change: blind ones belong into a mask" in said(blind)
     masked = replace(TRUE, mask=np.broadcast_to(np.arange(320) >= 40, (240, 320)))
     assert "never change" not in said(blind, masked)  # they are in one
+    above = [np.where(np.arange(320) < 40, 9.0, f).astype(np.float32) for f in frames]
+    assert not any("cut off" in said(above, like) for like in (TRUE, masked))  # a blind pixel is no depth
     assert "1 frames are the same as the one before, pixel for pixel" in said([*frames, frames[-1]])
     assert "frame 7 is constant: 0 in every pixel; leave it out" in said([*frames, np.zeros_like(frames[0])])
     assert "frames are 200 x 320 px (height x width), those of 'gelsight-mini' 240 x 320" in said([f[40:] for f in frames])
