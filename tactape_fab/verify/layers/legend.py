@@ -172,7 +172,8 @@ def pupil_detector() -> Any:
 
 def _read_pupil(image: GrayImage) -> list[Reading]:
     found = pupil_detector().detect(image)
-    return [(int(d.tag_id), np.asarray(d.corners, dtype=np.float64)) for d in found if d.hamming == 0]
+    # its first pixel's centre is at 0.5, OpenCV's at 0
+    return [(int(d.tag_id), np.asarray(d.corners, dtype=np.float64) - 0.5) for d in found if d.hamming == 0]
 
 
 def _judge(name: str, tag: Tag, readings: list[Reading]) -> Check:
