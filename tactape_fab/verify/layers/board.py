@@ -86,8 +86,8 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
     board = tape.board
 
     def inset(points: list[FloatArray]) -> float:
-        joined = np.concatenate(points) if points else np.empty((0, 2))
-        return float(inset_mm(joined, board.size_mm, board.corner_radius_mm).min()) if len(joined) else float("inf")
+        joined = np.concatenate([np.empty((0, 2)), *points])
+        return float(inset_mm(joined, board.size_mm, board.corner_radius_mm).min(initial=np.inf))
 
     def drawn(content: GerberContent) -> list[FloatArray]:
         stamps = [
