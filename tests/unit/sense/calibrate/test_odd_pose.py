@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import f
 
-from tactape_fab.sense.calibrate.odd_pose import odd_poses
+from tactape_fab.sense.calibrate.odd_pose import _held, _rates, odd_poses
 from tactape_fab.texture.frames import FloatArray
 
 SIGMAS = np.array([0.03, 0.03, 0.1, 0.01, 0.01, 0.001])
@@ -22,11 +23,12 @@ def said(seed: int, lever: float = 1.0) -> tuple[FloatArray, FloatArray]:
     return rng.standard_normal((COUNT, 6)) * SIGMAS, rates
 
 
-def found(at: FloatArray, rates: FloatArray) -> list[int]:
+def found(at: FloatArray, rates: FloatArray, most: int = 2) -> list[int]:
     # by all poses, as it is given: least squares over the errors of each kind
     scaled = (rates / SIGMAS[:, None]).reshape(-1, 3)
     z = -np.linalg.lstsq(scaled, (at / SIGMAS).ravel(), rcond=None)[0]
-    return [odd.index for odd in odd_poses(lambda x: at + rates @ x, z, np.full(6, 0.1), np.full(6, 1e-4), np.full(3, 1e-3), 2)]
+    odd = odd_poses(lambda x: at + rates @ x, z, np.full(6, 0.1), np.full(6, 1e-4), np.full(3, 1e-3), most)
+    return [pose.index for pose in odd]
 
 
 def test_normal_errors_have_no_odd_pose() -> None:
@@ -52,6 +54,9 @@ def test_two_poses_that_hide_each_other_are_found() -> None:
     at, rates = said(5)
     at[[2, 7], 0] += 2.0
     assert found(at, rates) == [2, 7]
+    assert found(at, rates, most=1) == []
+    at[9, 0] += 2.0
+    assert len(found(at, rates, most=3)) < 3
 
 
 def test_errors_of_height_and_tilt_are_no_fault() -> None:
@@ -67,3 +72,28 @@ def test_a_gel_that_slid_by_little_is_no_fault() -> None:
     assert found(at, rates) == []
     at[2, 0] += 0.25
     assert found(at, rates) == [2]
+
+
+def test_a_pose_is_held_against_the_mean_of_the_others() -> None:
+    """Shifts and turn are unknowns: of n others the mean errs by sigma / sqrt(n), and sigma has n - 1 degrees of freedom."""
+    at, n = np.random.default_rng(8).normal(size=(COUNT, 6)), COUNT - 1
+    rates = np.tile(np.eye(6)[:, [0, 1, 5]], (COUNT, 1, 1))
+    chance, off, sigmas = _held(at, rates, np.zeros(3), np.arange(1, COUNT), [0], np.ones(6), np.full(6, 1e-9), np.full(3, 1e-9))
+    seen = [0, 1, 5]
+    assert off[0, seen] == pytest.approx(at[0, seen] - at[1:, seen].mean(axis=0))
+    assert sigmas[seen] == pytest.approx(at[1:, seen].std(axis=0, ddof=1))
+    assert sigmas[2:5] == pytest.approx(np.sqrt((at[1:, 2:5] ** 2).mean(axis=0)))
+    ratio = (off[0, seen] ** 2 / (sigmas[seen] ** 2 * (1.0 + 1.0 / n))).sum() / 3
+    assert chance == pytest.approx(f.sf(ratio, 3, n - 1))
+
+
+def test_what_is_known_before_counts_as_another_pose() -> None:
+    """Four residuals x - 1 of sigma 1, and 4 x: the least of 4 (x - 1)^2 + 16 x^2 is at 0.2, a step of -1.8 from 2."""
+    at, rates = np.ones((5, 6)), np.tile(np.eye(6)[:, :1], (5, 1, 1))
+    _, off, sigmas = _held(at, rates, np.array([2.0]), np.arange(1, 5), [0], np.ones(6), np.ones(6), np.array([4.0]))
+    assert off[0] == pytest.approx([-0.8, 1, 1, 1, 1, 1]) and sigmas == pytest.approx(np.ones(6))
+
+
+def test_rates_are_the_derivatives() -> None:
+    found = _rates(lambda z: np.array([[z[0] ** 2, z[0] * z[1], np.sin(z[1]), 1.0, z[1], -z[0]]]), np.array([3.0, 0.5]))
+    assert found[0] == pytest.approx(np.array([(6, 0), (0.5, 3), (0, np.cos(0.5)), (0, 0), (0, 1), (-1, 0)]), abs=1e-8)

@@ -10,7 +10,7 @@ import pytest
 
 from tactape_fab import Kit, pixels_to_texture, refine_tag_pose, tag_side_mm, tag_to_texture, texture_to_pixels
 from tactape_fab.base.errors import FrameError, SpecError
-from tactape_fab.sense.objects.tag_view import tag_corners_mm
+from tactape_fab.sense.objects.tag_view import camera_arrays, tag_corners_mm
 from tactape_fab.texture.tag import tag_cells
 from tactape_fab.texture.tape import Tape
 from tests.bench import camera
@@ -176,3 +176,22 @@ def test_pictures_without_the_tag_are_refused() -> None:
         refine_tag_pose(of.tape, np.zeros((4, 4)), *pose, camera.CAMERA)
     with pytest.raises(SpecError, match="camera_matrix"):
         refine_tag_pose(of.tape, noise, *pose, np.eye(2))
+
+
+@pytest.mark.parametrize(
+    ("matrix", "lens", "says"),
+    [
+        ([[0.5, 0, 640], [0, 0.7, 480], [0, 0, 1]], [0.0] * 12, None),
+        ([[0, 0, 640], [0, 900, 480], [0, 0, 1]], None, "camera_matrix"),
+        ([[900, 1, 640], [0, 900, 480], [0, 0, 1]], None, "camera_matrix"),
+        ([[900, 0, 640], [0, 900, 480], [0, 0, 1]], [0.0] * 13, "distortion has 13 values"),
+    ],
+)
+def test_a_camera_is_one_without_skew_and_with_a_lens_of_opencv_s(
+    matrix: list[list[float]], lens: list[float] | None, says: str | None
+) -> None:
+    if says is None:
+        assert camera_arrays(matrix, lens)[0].tolist() == matrix
+    else:
+        with pytest.raises(SpecError, match=says):
+            camera_arrays(matrix, lens)
