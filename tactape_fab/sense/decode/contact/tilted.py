@@ -21,15 +21,18 @@ BENT, WHOLLY_BENT = 0.02, 0.06
 USUAL_PART_MM, UNSTRETCHED_MM = 0.23, 0.06
 """Height of a part that is not known, about which it may be wrong by as much; and how far below a film's top its layer is that is
 not stretched round a cylinder, half of a film."""
-DRAWN, DRAWN_SIGMA, DRAWN_ERROR = (0.46, 0.25), 0.25, 0.25
-"""How far a top is drawn to where the pressure is, along a part and across it, by a relative slope of the pressure of 1/mm, over
-the square of its length and of its width, mm^2; and how much of that, as a share, is unsure. Of 0201 it is 0.16 and 0.02 mm^2,
-with 0.5 and 2 N, tilted by 2 and 5 degrees along either axis (constants here: seeds 5, 61 and 77 of the elastic simulator). All
-dots of a tilted contact are drawn to its middle, millimetres off the image's centre: the pose would be 10 um off at 2 degrees.
-Under light forces, and in gels that follow a part less, it is up to twice as much: `DRAWN_SIGMA` of it is a factor that the dots
-tell, `DRAWN_ERROR` what they do not."""
-MOST_DRAWN = 0.13
-"""Largest such shift, over length and width: tops of 0201 come near to 0.08 mm from a relative slope of 0.5/mm on."""
+DRAWN, DRAWN_ROUND, DRAWN_SIGMA, DRAWN_ERROR = (0.013, 1.178), 0.09, 0.25, 0.25
+"""How far a top is drawn to where the pressure is, mm^2, by a relative slope of the pressure of 1/mm: a constant, and what goes
+with the fourth power of the part's side along that slope, mm^-2, as a longer top is flatter. Of domes and cones over the square
+of their diameter. And how much of that, as a share, is unsure. Of 0201 it is 0.16 mm^2 along and 0.02 across, of 0402 2 and
+0.1, of squares of 0.5, 0.6 and 0.8 mm 0.09, 0.2 and 0.9, of domes of 0.6 and 1 mm 0.03 and 0.1, with 0.5 to 3 N, tilted by 2 to
+5 degrees along either axis (constants here: seeds 0, 5, 61 and 77 of the elastic simulator). All dots of a tilted contact are
+drawn to its middle, millimetres off the image's centre: the pose would be 10 um off at 2 degrees. Under light forces, and in
+gels that follow a part less, it is up to twice as much: `DRAWN_SIGMA` of it is a factor that the dots tell, `DRAWN_ERROR` what
+they do not."""
+MOST_DRAWN, FLAT_MOST = 0.13, (0.4, -0.162)
+"""Largest such shift, over length and width: tops of 0201 come near to 0.08 mm from a relative slope of 0.5/mm on. From 0.6 mm on
+it is a share of the side, and mm: longer tops are drawn until near their ends."""
 USUAL_BODY_MM = (0.45, 0.45)
 """Length and width, mm, assumed for an unknown part, whose direction is unknown too."""
 TWIST = 0.02
@@ -159,9 +162,11 @@ def _drawn_mm(slopes: FloatArray, pose: Pose, view: View) -> FloatArray:
     size_mm = np.array(USUAL_BODY_MM if view.part is None else view.part.body_mm[:2])
     psi = 0.0 if view.part is None else pose.theta_rad - view.part.rotation_deg * pi / 180.0
     to_part = np.array([[cos(psi), -sin(psi)], [sin(psi), cos(psi)]])  # for rows
-    most_mm = MOST_DRAWN * size_mm
+    most_mm = np.maximum(MOST_DRAWN * size_mm, FLAT_MOST[0] * size_mm + FLAT_MOST[1])
+    is_round = view.part is not None and view.part.shape != "block"
+    by_slope_mm2 = DRAWN_ROUND * size_mm**2 if is_round else DRAWN[0] + DRAWN[1] * size_mm**4
     # linear for small slopes, and at most `most_mm`
-    along = most_mm * np.tanh(slopes @ to_part * (np.array(DRAWN) * size_mm**2 / most_mm))
+    along = most_mm * np.tanh(slopes @ to_part * (by_slope_mm2 / most_mm))
     return np.asarray(along @ to_part.T)
 
 

@@ -1,11 +1,14 @@
-"""The weights of the two laws of a tilted contact."""
+"""The weights of the two laws of a tilted contact, and how far tops of other parts than 0201 are drawn."""
 
 from __future__ import annotations
 
 from math import inf, nan
 
+import numpy as np
 import pytest
 
+from tactape_fab import Localizer, TapeSpec, examine
+from tactape_fab.sense import ElasticContact, Scene, iterate_frames
 from tactape_fab.sense.decode.contact.tilted import AS_DRAWN, _share_not_drawn
 
 
@@ -28,3 +31,21 @@ def test_the_law_that_fits_better_counts_more(drawn_mm: float, undrawn_mm: float
 def test_a_law_that_leaves_no_error_to_compare_by_is_taken_as_drawn(bad: float) -> None:
     assert _share_not_drawn(bad, 0.01, 12.0) == 0.0
     assert _share_not_drawn(0.01, bad, 12.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("part", "body_mm", "pitch_mm", "most_um"),
+    [("block", (1.0, 0.3, 0.2), 1.8, 50.0), ("block", (0.6, 0.6, 0.23), 1.6, 13.0), ("dome", (0.6, 0.6, 0.23), 1.5, 2.5)],
+)  # 103, 14 and 6 um where tops are drawn by the square of the side
+def test_a_tilted_contact_on_other_parts_is_as_exact_as_said(
+    part: str, body_mm: tuple[float, float, float], pitch_mm: float, most_um: float
+) -> None:
+    tape = examine(TapeSpec(sector=3, size_mm=(40, 30), part=part, body_mm=body_mm, pitch_mm=pitch_mm)).tape
+    localizer = Localizer(tape, world="closed")
+    off, nees = [], []
+    for frame in iterate_frames(tape, 6, 4, scene=Scene(elastic=ElasticContact(force_n=2.0, tilt_deg=(2.0, -1.0)))):
+        fix = localizer.locate(frame.depth)
+        assert fix.position_mm is not None and fix.covariance is not None
+        off.append(np.subtract(fix.position_mm, frame.position_mm))
+        nees.append(off[-1] @ np.linalg.solve(fix.covariance[:2, :2], off[-1]) / 2)
+    assert 1000.0 * np.sqrt(np.mean(np.square(off)) * 2) < most_um and np.mean(nees) < 2.0

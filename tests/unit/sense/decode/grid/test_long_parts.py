@@ -30,7 +30,7 @@ def test_dots_are_drawn_to_the_pressure_along_the_part(theta_deg: float) -> None
     turn = np.radians(theta_deg - PART.rotation_deg)
     along = np.array([np.cos(turn), np.sin(turn)])
     length, width, _ = PART.body_mm
-    wanted = R * DRAWN * (length**2 - width**2) * ((slope @ along) * along - slope / 2.0)
+    wanted = R * DRAWN * (length**4 - width**4) * ((slope @ along) * along - slope / 2.0)
     assert moved is not None and np.abs(moved - wanted).max() < 0.1 * np.abs(wanted).max()
 
 
