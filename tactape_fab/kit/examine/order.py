@@ -275,8 +275,8 @@ def _tag_problems(spec: TapeSpec, first: int, count: int, sectors: Sequence[int]
     last = max(sectors) if sectors is not None else first + count - 1
     within = f"name --sectors up to {TAG_IDS - 1}" if sectors is not None else f"use --sector {TAG_IDS - count} or less"
     if tag_id is not None:
-        also = f" and {within}" if last >= TAG_IDS else ""
-        message = f"tag_id = {tag_id} would be that of all {count} tapes; leave out --tag-id{also}, or use --tag none"
+        also = f", and {within}, or --tag none" if last >= TAG_IDS else ""  # not alone: an id contradicts it
+        message = f"tag_id = {tag_id} would be that of all {count} tapes; leave out --tag-id{also}"
         return [Problem("tag_id", message)]
     if spec.tag == "none" or last < TAG_IDS:
         return []

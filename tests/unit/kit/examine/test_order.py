@@ -54,7 +54,7 @@ def test_a_panel_beyond_the_ids_of_tags_has_a_remedy_that_works(panel: str) -> N
     (line,) = refused(sector=700, panel=panel, **ANOTO)  # --tag-id is no way out of a panel of several
     assert "--tag-id" not in line
     (line,) = refused(sector=586, panel=panel, tag_id=5, **ANOTO)
-    assert line.endswith("; leave out --tag-id and use --sector 581 or less, or use --tag none")
+    assert line.endswith("; leave out --tag-id, and use --sector 581 or less, or --tag none")
 
 
 def test_named_sectors_beyond_the_ids_of_tags() -> None:

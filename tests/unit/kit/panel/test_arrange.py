@@ -104,7 +104,7 @@ CASES: list[tuple[str, int, str]] = [
         USAGE,
         "asks for sectors up to 256, but code 'microdots-4x4' has 256, .*; use --sector 254 or less",
     ),
-    ("--sector 7 --panel auto --tag-id 5", USAGE, "--tag-id = 5 would be that of all 2 tapes; leave out --tag-id"),
+    ("--sector 7 --panel auto --tag-id 5", USAGE, "--tag-id = 5 would be that of all 2 tapes; leave out --tag-id$"),
     ("--sector 7 --panel auto --tabs z", USAGE, "tabs = 'z' is none of: auto, x, y, xy"),
     (
         "--sector 7 --panel auto --part dome",
