@@ -21,7 +21,7 @@ BENT, WHOLLY_BENT = 0.02, 0.06
 USUAL_PART_MM, UNSTRETCHED_MM = 0.23, 0.06
 """Height of a part that is not known, about which it may be wrong by as much; and how far below a film's top its layer is that is
 not stretched round a cylinder, half of a film."""
-DRAWN, DRAWN_ROUND, DRAWN_SIGMA, DRAWN_ERROR = (0.013, 1.178), 0.09, 0.25, 0.25
+DRAWN, DRAWN_ROUND, DRAWN_SIGMA, DRAWN_ERROR = (0.01296, 53 / 45), 0.09, 0.25, 0.25
 """How far a top is drawn to where the pressure is, mm^2, by a relative slope of the pressure of 1/mm: a constant, and what goes
 with the fourth power of the part's side along that slope, mm^-2, as a longer top is flatter. Of domes and cones over the square
 of their diameter. And how much of that, as a share, is unsure. Of 0201 it is 0.16 mm^2 along and 0.02 across, of 0402 2 and
@@ -164,7 +164,7 @@ def _drawn_mm(slopes: FloatArray, pose: Pose, view: View) -> FloatArray:
     to_part = np.array([[cos(psi), -sin(psi)], [sin(psi), cos(psi)]])  # for rows
     most_mm = np.maximum(MOST_DRAWN * size_mm, FLAT_MOST[0] * size_mm + FLAT_MOST[1])
     is_round = view.part is not None and view.part.shape != "block"
-    by_slope_mm2 = DRAWN_ROUND * size_mm**2 if is_round else DRAWN[0] + DRAWN[1] * size_mm**4
+    by_slope_mm2 = DRAWN_ROUND * size_mm**2 if is_round else DRAWN[0] + DRAWN[1] * (size_mm**2) ** 2
     # linear for small slopes, and at most `most_mm`
     along = most_mm * np.tanh(slopes @ to_part * (by_slope_mm2 / most_mm))
     return np.asarray(along @ to_part.T)
