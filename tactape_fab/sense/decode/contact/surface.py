@@ -167,7 +167,7 @@ class ContactSurface:
         return self._fitted is not None and hypot(*self._fitted.rise[1:]) > MOST_SLOPE
 
     def lie(self) -> Lie | None:
-        """Slope and bend of a tape that is tilted by 1 to 30 degrees or bent; None for any other, and where that is not known.
+        """Slope and bend of a tape that is tilted by 0.5 to 30 degrees or bent; None for any other, and where that is not known.
 
         A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit, unless they are
         round a cylinder.
@@ -273,8 +273,8 @@ class ContactSurface:
         return found, sqrt(float(plane.covariance[0, 0]) + zero[1] ** 2 + (INDENTATION_SHARE * found) ** 2)
 
 
-LEAST_SLOPE = 0.0175
-"""Slope, 1 degree, below which a contact counts as flat."""
+LEAST_SLOPE = 0.0087
+"""Slope, 0.5 degrees, below which a contact counts as flat: it is off by 3 um then, at a degree by 7."""
 MOST_SLOPE = 0.58
 """Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same."""
 NARROW, ONE_SIDED = 0.02, 0.5
