@@ -60,7 +60,9 @@ def read_question(values: Mapping[str, Any]) -> Question:
     contact_mm = Fields({"contact_mm": 1.0, **values}, "", problems).number(
         "contact_mm", low=1.0, high=MOST_CONTACT_MM, remedy="give --contact MM, such as 6"
     )
-    blur_mm = table.number("blur_mm", low=0.0, high=MOST_BLUR_MM)
+    blur_mm = table.number(
+        "blur_mm", low=0.0, high=MOST_BLUR_MM, remedy=f"give --blur from 0 to {MOST_BLUR_MM:g} mm; it counts before the sensor's"
+    )
     placement_mm = table.number("placement_mm", low=0.0, high=MOST_PLACEMENT_MM)
     tapes = table.integer("tapes", low=1, high=MOST_TAPES)
     processes = (FILM, *profile_names("processes"))
