@@ -14,11 +14,8 @@ from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, workers_of, workers_option
 from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_shown, verified_line
 
-_STAND_IN = (
-    "for what the fab gets written form, fab-zip, job, bom, cpl rows, order-notes, fab-dxf, fab-drawing and the places of parts "
-    "stand in for it, for what pictures, drawing and report show nothing does; the line 'reproduced' says why, "
-    "and what to install"
-)
+_STAND_IN = ("written form", "fab-zip", "job", "bom", "cpl rows", "order-notes", "fab-dxf", "fab-drawing")
+"""Lines that read what the fab gets, where a kit is not made again; printed kits have none of them."""
 
 if TYPE_CHECKING:
     from tactape_fab.base.errors import Check
@@ -76,7 +73,11 @@ def verify(
             from tactape_fab.make.reproduce import NAME
 
             if not all(check.passed for check in verification.checks if check.name == NAME):
-                echo_line(f"warning: the kit was NOT made again, so not every byte of it is proved; {_STAND_IN}", err=True)
+                there = [name for name in _STAND_IN if any(check.name == name for check in verification.checks)]
+                for_fab = f"for what the fab gets {', '.join(there)} and the places of parts stand in for it, " if there else ""
+                message = "warning: the kit was NOT made again, so not every byte of it is proved; "
+                rest = "for what pictures, drawing and report show nothing does; the line 'reproduced' says why, and what helps"
+                echo_line(message + for_fab + rest, err=True)
 
 
 def _verified(

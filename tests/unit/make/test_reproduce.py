@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import resource
 import shutil
 import time
@@ -22,6 +23,7 @@ from click.testing import CliRunner
 
 from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.cli import main
+from tactape_fab.cli.verify import _STAND_IN
 from tactape_fab.make.reproduce import reproduce_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, moved, points, stated
 from tests.thorough import costly, slow
@@ -318,4 +320,17 @@ def test_a_forged_version_is_said_loudly_with_what_stands_in(flat_kit: Kit, copi
     run = CliRunner().invoke(main, ["verify", str(save(kit))])
     assert run.exit_code == 0, run.output  # a kit of another version is none that fails
     assert "warn  reproduced" in run.stdout
-    assert run.stderr.splitlines()[-1].startswith("warning: the kit was NOT made again, so not every byte of it is proved")
+    warning = run.stderr.splitlines()[-1]
+    assert warning.startswith(
+        "warning: the kit was NOT made again, so not every byte of it is proved; for what the fab gets written "
+    )
+    (lines,) = re.findall("for what the fab gets (.*) and the places of parts", warning)
+    assert lines.split(", ") == list(_STAND_IN)
+
+
+def test_the_warning_names_no_line_that_a_kit_does_not_have(tmp_path: Path) -> None:
+    kit = OpenKit(make_kit(TapeSpec(sector=1, part="block", size_mm=(20.0, 20.0), tag="none"), tmp_path / "k", verify=False).path)
+    stated("tool.version", "0.0.9")(kit)
+    run = CliRunner().invoke(main, ["verify", str(save(kit))])
+    assert run.exit_code == 0, run.output
+    assert "is proved; for what pictures, drawing and report" in run.stderr.splitlines()[-1]
