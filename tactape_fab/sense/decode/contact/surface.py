@@ -92,7 +92,7 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
         bent=None if straight else sensor.camera,
         last_px=np.array([sensor.width_px - 1.0, sensor.height_px - 1.0]),
         # a cap of radius R falls as x / R at x from its top: a tape of slope s touches it s R from the centre
-        off_mm=None if crown_mm is None else (LEAST_OFF * LEAST_SLOPE * crown_mm[0], LEAST_OFF * LEAST_SLOPE * crown_mm[1]),
+        off_mm=None if crown_mm is None else (LEAST_OFF * crown_mm[0], LEAST_OFF * crown_mm[1]),
         margin=margin,
         factor=factor,
         blocks=blocks,
@@ -167,7 +167,7 @@ class ContactSurface:
         return self._fitted is not None and hypot(*self._fitted.rise[1:]) > MOST_SLOPE
 
     def lie(self) -> Lie | None:
-        """Slope and bend of a tape that is tilted by 0.5 to 30 degrees or bent; None for any other, and where that is not known.
+        """Slope and bend of a tape that is tilted by 0.75 to 30 degrees or bent; None for any other, and where that is not known.
 
         A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit, unless they are
         round a cylinder.
@@ -273,16 +273,16 @@ class ContactSurface:
         return found, sqrt(float(plane.covariance[0, 0]) + zero[1] ** 2 + (INDENTATION_SHARE * found) ** 2)
 
 
-LEAST_SLOPE = 0.0087
-"""Slope, 0.5 degrees, below which a contact counts as flat: it is off by 3 um then, at a degree by 7."""
+LEAST_SLOPE = 0.0131
+"""Slope, 0.75 degrees, below which a contact counts as flat: what a tilt takes doubles the time of a frame."""
 MOST_SLOPE = 0.58
 """Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same."""
 NARROW, ONE_SIDED = 0.02, 0.5
 """Curvature, 1/mm, from which a tape that is touched in the image's centre is looked at more closely, and the most that it has
 along the axis, as a share. Unrolled, tops 3 mm from the top line of a cylinder of 50 mm move by 2 um."""
-LEAST_OFF = 0.25
-"""Share of the crown's radius times that slope by which the middle of the dots is at least off the image's centre then. Where
-forces are small it is all of it; at 10 N, where the image is full of dots, about a third."""
+LEAST_OFF = 0.0044
+"""Share of the crown's radius by which the middle of the dots is at least off the image's centre then. A tape of slope s touches
+the gel s times the radius off; where forces are small the middle is as far, at 10 N, where the image is full of dots, a third."""
 
 
 def contact_surface(

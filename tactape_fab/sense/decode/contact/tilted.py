@@ -14,8 +14,8 @@ from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
 
-WHOLLY = 0.0131
-"""Slope, 0.75 degrees, from which a contact counts as tilted in full."""
+WHOLLY = 0.0175
+"""Slope, 1 degree, from which a contact counts as tilted in full."""
 BENT, WHOLLY_BENT = 0.02, 0.06
 """Curvatures, 1/mm, between which a bent contact goes from not counting to counting in full as one with a pressure gradient."""
 USUAL_PART_MM, UNSTRETCHED_MM = 0.23, 0.06
@@ -84,7 +84,7 @@ def tilted_pose(
     """
     slope, bend, film = lie
     square = float(slope @ slope)
-    # a ramp from 0.5 to 0.75 degrees, so that a pose does not jump where the slope passes a limit
+    # a ramp from 0.75 to 1 degree, so that a pose does not jump where the slope passes a limit
     share = min(max((sqrt(square) - LEAST_SLOPE) / (WHOLLY - LEAST_SLOPE), 0.0), 1.0)
     if bend is not None:
         share = max(share, min(max((abs(bend.curvature) - BENT) / (WHOLLY_BENT - BENT), 0.0), 1.0))
