@@ -13,7 +13,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.cli.exits import answers, with_options
 from tactape_fab.cli.options import pair
-from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, table_lines
+from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, step_shown, table_lines
 
 if TYPE_CHECKING:
     from tactape_fab.sense.calibrate.result import Calibration
@@ -106,7 +106,8 @@ def _calibrated(
     refuse(problems)
     assert path is not None and sensor is not None and tapes is not None
     images = (frame for file in opened if file is not None for frame in file.frames())
-    return calibrate_sensor(images, tapes, sensor, name=path.stem[:100], known_theta=known, arm_poses=poses), path
+    name, shown = path.stem[:100], step_shown()
+    return calibrate_sensor(images, tapes, sensor, name=name, known_theta=known, arm_poses=poses, progress=shown), path
 
 
 def _known(text: str) -> tuple[int, float]:

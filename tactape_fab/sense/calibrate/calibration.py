@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from numbers import Integral
 from pathlib import Path
 
@@ -63,6 +64,7 @@ def calibrate_sensor(
     name: str = "calibrated",
     known_theta: tuple[int, float] | None = None,
     arm_poses: Sequence[ArmPose] | None = None,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Calibration:
     """Calibrate a sensor from some ten presses anywhere on a tape, each at an unknown pose.
 
@@ -83,6 +85,8 @@ def calibrate_sensor(
         the image are not observable otherwise, and those of `like` are kept.
     arm_poses : sequence of ArmPose, optional
         Poses of the robot's flange, for frames that they name.
+    progress : callable
+        Called with a text, the number of frames done and their total, or of adjustments, anew in each round.
 
     Returns
     -------
@@ -121,7 +125,7 @@ def calibrate_sensor(
         rough = _turned(all_images, registered, rough, known, valid)
     # the order: orientation and rough scale by which frames are located at all, the camera, and only then what rests on the
     # camera
-    presses, bundle, estimate, empty = _adjusted(images, registered, rough, bad)
+    presses, bundle, estimate, empty = _adjusted(images, registered, rough, bad, progress)
     corner_um = corner_sigma_um(bundle)
     refuse_unspread(presses, bundle, corner_um)
     held_out = _held_out(presses, bundle, _free(bundle))
@@ -171,7 +175,11 @@ def _turned(
 
 
 def _adjusted(
-    images: Sequence[Frame], tapes: Sequence[Tape], rough: SensorProfile, bad: Sequence[str]
+    images: Sequence[Frame],
+    tapes: Sequence[Tape],
+    rough: SensorProfile,
+    bad: Sequence[str],
+    progress: Callable[[str, int, int], None],
 ) -> tuple[list[Press], Bundle, Estimate, list[int]]:
     """Presses, camera, errors of dots, and the frames that touch nothing: located and adjusted by turns, then by their pixels.
 
@@ -179,11 +187,13 @@ def _adjusted(
     """
     sensor, before = rough, None
     whole = [frame_fault(image) is None for image in images]
-    for _ in range(ROUNDS):
-        presses, answers = located(images, tapes, sensor)
+    for k in range(ROUNDS):
+        presses, answers = located(images, tapes, sensor, partial(progress, f"round {k + 1}: frames"))
         refuse_few(presses, answers, whole, bad)
         # only surrounded dots: a shift by the rim that is the same in all presses would be taken for distortion
-        kept, bundle, estimate = adjust([press.taken(press.interior) for press in presses], sensor)
+        kept, bundle, estimate = adjust(
+            [press.taken(press.interior) for press in presses], sensor, partial(progress, f"round {k + 1}: adjustments")
+        )
         after = _corner_mm(bundle)
         if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
             break
@@ -198,18 +208,21 @@ def _adjusted(
     fine = refined(images, [p.at(placed[p.frame]) for p in presses if p.frame in placed], bundle.sensor, tapes)
     # only where every press has them: none is given up for better centres
     if len(fine) == len(kept):
-        better = adjust(fine, bundle.sensor)
+        better = adjust(fine, bundle.sensor, partial(progress, "pixels: adjustments"))
         if better[2].errors.dot_mm < estimate.errors.dot_mm:
             kept, bundle, estimate = better
     return kept, bundle, estimate, empty
 
 
-def adjust(presses: Sequence[Press], sensor: SensorProfile) -> tuple[list[Press], Bundle, Estimate]:
+def adjust(
+    presses: Sequence[Press], sensor: SensorProfile, progress: Callable[[int, int], None] = lambda *_: None
+) -> tuple[list[Press], Bundle, Estimate]:
     """Adjust presses from a rough profile: the dots that agree, the camera, and the errors of dots."""
     problem = problem_of(presses, sensor, Errors())
     bundle = solve(problem)
     # the first solution rests on wrong dots, too: what agrees with it is chosen once more after it was solved without them
-    for _ in range(2):
+    for k in range(2):
+        progress(k, 2)
         kept = agreeing(presses, bundle, problem)
         # dots that do not agree may take whole presses with them
         if len(kept) < LEAST_PRESSES:
@@ -219,6 +232,7 @@ def adjust(presses: Sequence[Press], sensor: SensorProfile) -> tuple[list[Press]
         estimate = estimate_errors(*designs_of(problem, bundle))
         problem = replace(problem, errors=estimate.errors)
         bundle = solve(problem)
+    progress(2, 2)
     free = _free(bundle)
     if not free.all():  # a lens whose distortion is not seen has no centre
         centred = replace(bundle.sensor, geometry=replace(bundle.sensor.geometry, center_px=None))

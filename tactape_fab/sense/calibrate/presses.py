@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from math import radians
 
@@ -71,7 +71,12 @@ class Press:
         return replace(self, position_mm=(float(pose[0]), float(pose[1])), theta_rad=float(pose[2]))
 
 
-def located(frames: Iterable[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> tuple[list[Press], list[Localization]]:
+def located(
+    frames: Sequence[Frame],
+    tapes: Sequence[Tape],
+    sensor: SensorProfile,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> tuple[list[Press], list[Localization]]:
     """Locate frames with a profile: the presses, and the answer of every frame."""
     localizer = Localizer(tapes, sensor, refine="dots")
     by_name = {tape.name: tape for tape in localizer.tapes}
@@ -79,6 +84,7 @@ def located(frames: Iterable[Frame], tapes: Sequence[Tape], sensor: SensorProfil
     for k, frame in enumerate(frames):
         fix = localizer.locate(frame)
         answers.append(fix)
+        progress(len(answers), len(frames))
         if fix.located and fix.tape is not None:
             presses.append(press_of(k, frame, fix, by_name[fix.tape], sensor))
     return presses, answers

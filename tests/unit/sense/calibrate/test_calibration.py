@@ -23,9 +23,19 @@ WRONG = replace(STOCK, px_per_mm=(19.5, 19.5), sign=-1, mirror=True)
 """px/mm 30 % off, both flips wrong."""
 
 
+STEPS: list[tuple[str, int, int]] = []
+
+
 @cache
 def calibrated() -> Calibration:
-    return calibrate_sensor(presses().frames, [TAPE], WRONG, name="mine")
+    return calibrate_sensor(presses().frames, [TAPE], WRONG, name="mine", progress=lambda *step: STEPS.append(step))
+
+
+def test_frames_and_adjustments_are_told_as_they_are_done() -> None:
+    calibrated()
+    assert STEPS[:10] == [("round 1: frames", k + 1, 10) for k in range(10)]
+    assert STEPS[10:13] == [("round 1: adjustments", k, 2) for k in range(3)]
+    assert STEPS[-3:] == [("pixels: adjustments", k, 2) for k in range(3)]
 
 
 def figure(found: Calibration, name: str) -> tuple[float, float]:
