@@ -144,7 +144,7 @@ def open_frame_file(path: str | Path) -> FrameFile:
             count=count,
             frame_shape=shape,
             timestamp=None if timestamp is None else timestamp.reshape(count),
-            px_per_mm=None if scale is None else _scale(scale),
+            px_per_mm=None if scale is None else scale_of(scale),
         )
 
 
@@ -249,8 +249,8 @@ def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> np
         return values if values.dtype.kind in "iu" else values.astype(np.float64)
 
 
-def _scale(values: npt.NDArray[Any]) -> tuple[float, float]:
-    # one number is that of both axes
+def scale_of(values: npt.NDArray[Any]) -> tuple[float, float]:
+    """px/mm along u and v; one number is that of both. Raises SpecError."""
     u, v = (float(x) for x in np.broadcast_to(values, 2))
     if not (1.0 <= u <= 1000.0 and 1.0 <= v <= 1000.0):
         raise SpecError(f"px_per_mm = {shown(values.tolist())} is not from 1 to 1000 px/mm; correct it or leave it out")

@@ -41,12 +41,14 @@ class Located:
     frame: Counted over all files.
     depth (h, w): Depth map as in the file.
     sensor: Sensor profile, with the file's scale if it has one.
+    px_per_mm: That scale; None if it has none.
     """
 
     frame: int
     depth: npt.NDArray[Any]
     sensor: SensorProfile
     fix: Localization
+    px_per_mm: tuple[float, float] | None = None
 
 
 def is_kit(path: str) -> bool:
@@ -243,5 +245,5 @@ def localize(job: Job) -> Iterator[Located]:
             locators[scale, ours] = make_locator(job, own)
         for k, depth in enumerate(file.frames()):
             fix = by_scale_of_file(locators[scale, ours](depth, timestamp=file.time_of(k)), file.px_per_mm)
-            yield Located(frame=frame, depth=depth, sensor=own, fix=fix)
+            yield Located(frame=frame, depth=depth, sensor=own, fix=fix, px_per_mm=file.px_per_mm)
             frame += 1

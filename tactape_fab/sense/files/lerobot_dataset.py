@@ -71,8 +71,8 @@ def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
         kinds = "images or films" if colour else "images (films lose depth) or arrays"
         raise SpecError(f"{message}; give --topic NAME, one of {kinds}: {some_of(usable)}")
     if features[topic]["dtype"] == "video":
-        return topic, False, partial(_filmed, folder, topic)
-    return topic, False, partial(_rows, folder, topic, features[topic], colour)
+        return topic, False, None, partial(_filmed, folder, topic)
+    return topic, False, None, partial(_rows, folder, topic, features[topic], colour)
 
 
 def _shows(feature: dict[str, Any], colour: bool) -> bool:

@@ -10,10 +10,13 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
+import numpy as np
+
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.libraries import library
+from tactape_fab.sense.files.depth_maps import scale_of
 from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
 from tactape_fab.sense.files.recording_kinds import (
     BAG,
@@ -21,6 +24,7 @@ from tactape_fab.sense.files.recording_kinds import (
     MOST_TIMES_PACKED,
     MOST_UNPACKED_BYTES,
     OTHER_BAGS,
+    SCALE,
     UPRIGHT,
     Opened,
     Stamped,
@@ -46,7 +50,7 @@ _OURS = "tactape-fab "
 
 
 def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
-    """Topic, whether `watch` wrote it, and what reads it.
+    """Topic, whether `watch` wrote it, the scale of its file, and what reads it.
 
     Raises SpecError when no topic, or more than one, has images.
     Raises Exception: whatever mcap raises for a damaged file.
@@ -54,13 +58,14 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
     files = [path]
     if path.suffix.lower() != MCAP:
         files = _files_of(path)
-    topics, ours = dict[str, bool](), True
+    topics, scales, ours = dict[str, bool](), dict[str, set[str | None]](), True
     for file in files:
         for kind, record in _records(file):
             if kind == "Header":
                 ours = ours and any(name.strip().startswith(_OURS) for name in record.library.split(";"))
             elif kind == IMAGE_TYPE:
-                topics[record[0]] = topics.get(record[0], True) and record[2]
+                topics[record[0]] = topics.get(record[0], True) and UPRIGHT in record[2].items()
+                scales.setdefault(record[0], set()).add(record[2].get(SCALE))
     if not topics:
         raise SpecError(f"it has no topic of {IMAGE_TYPE}; record the images themselves, which CompressedImage is not")
     if topic is None and len(topics) == 1:
@@ -72,7 +77,11 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
         )
         raise SpecError(f"{message}; give --topic NAME, one of: {there}")
     ours = ours or topics[topic]
-    return topic, ours, partial(_images, files, topic, colour, ours)
+    scale, *others = scales[topic] if ours else {None}
+    if others:
+        raise SpecError(f"images of {topic} are of several {SCALE}; give the files from which watch wrote it")
+    known = None if scale is None else scale_of(np.array(scale.split(), dtype=np.float64))
+    return topic, ours, known, partial(_images, files, topic, colour, ours)
 
 
 def _files_of(path: Path) -> list[Path]:
@@ -119,9 +128,9 @@ def _images(files: Sequence[Path], topic: str, colour: bool, ours: bool) -> Iter
 
 
 def _records(file: Path) -> Iterator[tuple[str, Any]]:
-    """The header, and each message as its type with (topic, bytes, whether its channel is marked as one of ours)."""
+    """The header, and each message as its type with (topic, bytes, metadata of its channel)."""
     reading = library("mcap.stream_reader", "reading an MCAP file")
-    schemas, channels = dict[int, str](), dict[int, tuple[str, str, bool]]()
+    schemas, channels = dict[int, str](), dict[int, tuple[str, str, dict[str, str]]]()
     with open_regular(file) as stream:
         reader = reading.StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_CHUNK_BYTES)
         left = _Budget(os.fstat(stream.fileno()).st_size)
@@ -134,11 +143,10 @@ def _records(file: Path) -> Iterator[tuple[str, Any]]:
                 elif kind == "Schema":
                     schemas[record.id] = record.name
                 elif kind == "Channel":
-                    marked = UPRIGHT in record.metadata.items()
-                    channels[record.id] = (schemas.get(record.schema_id, ""), record.topic, marked)
+                    channels[record.id] = (schemas.get(record.schema_id, ""), record.topic, record.metadata)
                 elif kind == "Message" and record.channel_id in channels:
-                    of_type, topic, marked = channels[record.channel_id]
-                    yield of_type, (topic, record.data, marked)
+                    of_type, topic, metadata = channels[record.channel_id]
+                    yield of_type, (topic, record.data, metadata)
                 if len(schemas) + len(channels) > _MOST_CHANNELS:
                     raise SpecError(f"{shown_path(file)} has more than {_MOST_CHANNELS} topics")
 

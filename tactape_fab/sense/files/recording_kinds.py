@@ -18,13 +18,16 @@ UPRIGHT = ("tactape-fab", "upright depth image")
 MOST_UNPACKED_BYTES, MOST_TIMES_PACKED = 1 << 30, 1000
 """Bytes that a recording unpacks to altogether, besides so many times its size: images without noise take 1/300 packed."""
 
+SCALE = "px_per_mm"
+"""Key of their metadata where the frames' file says its scale: px/mm along u and v, with a space between."""
+
 _NAMED, _MOST_SHOWN = 20, 100
 """Topics or features that a message names, and characters of each: a file of 1 MB has 30,000, or one of 1 MB."""
 
 Image = npt.NDArray[Any]
 Stamped = tuple[float | None, Image]
-Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
-"""Topic, whether `watch` wrote it, and a function that iterates over its images."""
+Opened = tuple[str, bool, tuple[float, float] | None, Callable[[], Iterator[Stamped]]]
+"""Topic, whether `watch` wrote it, px/mm of the file that it was written from, and a function that iterates over its images."""
 
 
 def some_of(names: Iterable[str]) -> str:

@@ -34,6 +34,7 @@ class Recording:
     read: Timestamps and images, in order.
     ours: Whether `watch` wrote it: upright depth images in metres.
     reconstruction: Makes depth maps of colour images.
+    px_per_mm: Scale that the file says from which `watch` wrote it.
     """
 
     path: Path
@@ -43,7 +44,7 @@ class Recording:
     read: Callable[[], Iterator[Stamped]]
     ours: bool = False
     reconstruction: Reconstruction | None = None
-    px_per_mm: None = None
+    px_per_mm: tuple[float, float] | None = None
 
     @property
     def count(self) -> int:
@@ -102,7 +103,7 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
     path = Path(path)
     opened = open_bag if _is_bag(path) else open_dataset
     try:
-        topic, ours, read = opened(path, topic, colour)
+        topic, ours, scale, read = opened(path, topic, colour)
     except MissingLibraryError:
         raise
     except Exception as error:  # damaged files make the readers of others raise what they like
@@ -116,7 +117,15 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
             raise SpecError(Problem("frames", f"{shown_path(path)} holds more than {MOST_FRAMES} images; cut it"))
     if not stamps:
         raise SpecError(Problem("frames", f"{shown_path(path)} holds no image of {shown(topic)}; give another --topic"))
-    found = Recording(path=path, topic=topic, timestamp=np.array(stamps), frame_shape=shape, read=read, ours=ours and not colour)
+    found = Recording(
+        path=path,
+        topic=topic,
+        timestamp=np.array(stamps),
+        frame_shape=shape,
+        read=read,
+        ours=ours and not colour,
+        px_per_mm=scale,
+    )
     if shape != found.seen_by(sensor).frame_shape:
         raise SpecError(other_shape(path, shape, found.seen_by(sensor)))
     return found

@@ -11,9 +11,9 @@ from tactape_fab.base.errors import TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.files.jobs import Located
-from tactape_fab.sense.files.recording_kinds import UPRIGHT
+from tactape_fab.sense.files.recording_kinds import SCALE, UPRIGHT
 from tactape_fab.sense.live.cdr import IMAGE, MessageType
-from tactape_fab.sense.live.topics import TOPICS, Naming, encoded, topic_of
+from tactape_fab.sense.live.topics import DEPTH_TOPIC, TOPICS, Naming, encoded, topic_of
 
 _CHUNK_BYTES = 1 << 20
 """Bytes a killed process may lose: three frames of a GelSight Mini."""
@@ -37,7 +37,7 @@ class McapLog:
             writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
             writer.start(profile="ros2", library=f"tactape-fab {__version__}")
             named = [(topic_of(topic, sensor), kind) for sensor in sensors for topic, kind in TOPICS.items()]
-            self._channels = {topic: _channel(writer, topic, kind) for topic, kind in named}
+            self._channels: dict[tuple[str, Any], int] = {(topic, None): _channel(writer, topic, kind) for topic, kind in named}
             self._writer = writer
         except OSError as error:
             raise self._failed(error) from error
@@ -59,7 +59,11 @@ class McapLog:
         stamp, messages = found
         try:
             for topic, data in messages:
-                self._add(self._channels[topic], stamp, located.frame, data)
+                # a scale is that of the images: a file's own has a channel that says it
+                of = topic, located.px_per_mm if topic == topic_of(DEPTH_TOPIC, sensor) else None
+                if of not in self._channels:
+                    self._channels[of] = _channel(self._writer, topic, IMAGE, of[1])
+                self._add(self._channels[of], stamp, located.frame, data)
             self._stream.flush()
         except OSError as error:
             raise self._failed(error) from error
@@ -89,7 +93,9 @@ class McapLog:
         return TactapeError(f"mcap {shown_path(self.path)} cannot be written: {reason_of(error)}; {remedy}")
 
 
-def _channel(writer: Any, topic: str, kind: MessageType) -> int:
+def _channel(writer: Any, topic: str, kind: MessageType, scale: tuple[float, float] | None = None) -> int:
     schema = writer.register_schema(name=kind.name, encoding="ros2msg", data=kind.definition.encode())
     metadata = {"offered_qos_profiles": "", **({UPRIGHT[0]: UPRIGHT[1]} if kind is IMAGE else {})}
+    if scale is not None:
+        metadata[SCALE] = f"{scale[0]!r} {scale[1]!r}"
     return int(writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema, metadata=metadata))

@@ -118,7 +118,7 @@ def _located(watched: Watch, frame: Frame, tally: Tally, locators: _Locators) ->
             tally.trouble(Trouble(kind="frame with holes", message=message))
     depth = frame.image if watched.reconstruction is None else _depth(frame.image, watched.reconstruction, sensor)
     fix = by_scale_of_file(locate(depth, timestamp=frame.timestamp), frame.px_per_mm)
-    return Located(frame=frame.number, depth=depth, sensor=sensor, fix=fix)
+    return Located(frame=frame.number, depth=depth, sensor=sensor, fix=fix, px_per_mm=frame.px_per_mm)
 
 
 def _depth(image: npt.NDArray[np.uint8], reconstruction: Reconstruction, sensor: SensorProfile) -> npt.NDArray[np.float32]:

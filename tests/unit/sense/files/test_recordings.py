@@ -31,6 +31,7 @@ from tactape_fab import Kit
 from tactape_fab.base import launch
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.base.libraries import library
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense import Scene, load_sensor, simulate, simulate_frames
 from tactape_fab.sense.files import lerobot_dataset, mcap_images
 from tactape_fab.sense.files.image_message import colour_of, image_of
@@ -89,6 +90,33 @@ def test_our_own_log_is_decoded_as_its_frames_are(sensor: str, default_kit: Kit,
         assert one["theta_deg"] == pytest.approx(other["theta_deg"], abs=1e-4)
         if sensor == "gelsight-mini":  # DIGIT's profile knows no gel
             assert one["indentation_mm"] == pytest.approx(other["indentation_mm"], rel=1e-3)
+
+
+def test_our_own_log_keeps_the_scale_of_its_file(default_kit: Kit, tmp_path: Path) -> None:
+    """Of a profile that is 20 % off no frame is located by its own scale."""
+    kit, log, sensor = default_kit.path, tmp_path / "f.mcap", tmp_path / "s.toml"
+    sensor.write_text(
+        (templates_folder() / "sensors" / "gelsight-mini.toml")
+        .read_text(encoding="utf-8")
+        .replace("[16.0, 16.0]", "[20.0, 20.0]")
+    )
+    for name, scale in (("f", 16.0), ("g", 16.5)):
+        depth = simulate_frames(default_kit.tape, 2, seed=3).depth
+        np.savez(tmp_path / f"{name}.npz", depth=depth, timestamp=np.arange(2.0), px_per_mm=(16.0, scale))
+    assert run(f"watch {tmp_path}/f.npz --rate max --tape {kit} --sensor {sensor} --mcap {log}").exit_code == 0
+    assert open_recording(log, load_sensor(sensor)).px_per_mm == (16.0, 16.0)
+    told, direct = (answers(run(f"decode {path} --tape {kit} --sensor {sensor} --json")) for path in (log, tmp_path / "f.npz"))
+    assert len(told) == 2 and all(one["located"] for one in told)
+    for one, other in zip(told, direct, strict=True):
+        assert one["position_mm"] == pytest.approx(other["position_mm"], abs=1e-5)
+        assert np.diag(one["covariance"]) == pytest.approx(np.diag(other["covariance"]), rel=1e-3)
+    both = f"watch {tmp_path}/in --idle 0.2 --tape {kit} --mcap {tmp_path}/both.mcap"
+    (tmp_path / "in").mkdir()
+    for name in ("f", "g"):
+        (tmp_path / f"{name}.npz").rename(tmp_path / "in" / f"{name}.npz")
+    assert run(both).exit_code == 0
+    refused = run(f"decode {tmp_path}/both.mcap --tape {kit}")
+    assert refused.exit_code == 2 and "images of /tactape/depth are of several px_per_mm" in refused.stderr
 
 
 def test_recordings_and_files_are_decoded_in_the_order_given(default_kit: Kit, tmp_path: Path) -> None:
