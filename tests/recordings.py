@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,16 @@ def film(path: Path, images: list[npt.NDArray[np.uint8]]) -> Path:
     for image in images:
         writer.write(image)
     writer.release()
+    return path
+
+
+def turned_film(path: Path, images: list[npt.NDArray[np.uint8]]) -> Path:
+    """A film whose header asks for a half turn: a matrix of nine numbers in `tkhd`, version 0 (ISO 14496-12, 8.3.2)."""
+    data = bytearray(film(path, images).read_bytes())
+    at = data.index(b"tkhd") + 44
+    height, width = images[0].shape[:2]
+    data[at : at + 36] = struct.pack(">9i", -65536, 0, 0, 0, -65536, 0, width << 16, height << 16, 1 << 30)
+    path.write_bytes(data)
     return path
 
 

@@ -26,7 +26,7 @@ from tactape_fab.sense.files.recording_kinds import (
     some_of,
 )
 from tactape_fab.sense.raw.colour_images import by_number
-from tactape_fab.sense.raw.image_files import unpacked_colour, unpacked_grey
+from tactape_fab.sense.raw.image_files import opened_film, unpacked_colour, unpacked_grey
 from tactape_fab.sense.sensors import MOST_PX
 
 _MOST_INFO_BYTES, _MOST_IMAGE_BYTES, _MOST_GROUP_BYTES, _MOST_FILES = 1 << 24, 1 << 28, 1 << 32, 100_000
@@ -180,11 +180,10 @@ def _arrays(column: Any, count: int, shape: list[int]) -> Any:
 
 def _filmed(folder: Path, topic: str) -> Iterator[Stamped]:
     """Images of a feature's films, with the timestamps of the tables."""
-    cv2 = library("cv2", "reading a film")
     stamps = (float(value.as_py()) for batch in _batches(folder, ["timestamp"]) for value in batch.column("timestamp"))
     for path in _films(folder, topic):
         open_regular(path).close()  # OpenCV would wait for the writer of a FIFO for ever
-        capture = cv2.VideoCapture(str(path))
+        capture = opened_film(path)
         try:
             there, image = capture.read()
             if not there:  # of AV1, LeRobot's usual codec, OpenCV reads the container and not one image

@@ -17,6 +17,7 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.live.sources import Frame, Trouble, as_source
+from tactape_fab.sense.raw.image_files import opened_film
 
 FILMS = (".avi", ".mkv", ".mov", ".mp4")
 Crop = tuple[int, int, int, int]
@@ -110,7 +111,7 @@ def film_source(
     cv2 = library("cv2", "reading a camera")
 
     keep = keep or rate_hz == float("inf")
-    capture = cv2.VideoCapture(str(path))
+    capture = opened_film(path)
     try:
         if not capture.isOpened():
             raise TactapeError(f"film {shown_path(path)} cannot be opened; give an .avi or .mp4")

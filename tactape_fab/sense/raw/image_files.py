@@ -23,6 +23,7 @@ from tactape_fab.base.image_file import (
     unpacked,
 )
 from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.sensors import MOST_PX
 
 PICTURES = (".png", ".tif", ".tiff")
@@ -73,6 +74,15 @@ def unpacked_colour(data: bytes) -> npt.NDArray[np.uint8]:
     if picture is None or picture.shape != (*shape, 3) or picture.dtype != np.uint8:
         raise SpecError(f"it is damaged and cannot be unpacked; {_COLOUR_REMEDY}")
     return picture
+
+
+def opened_film(path: Path) -> Any:
+    """cv2.VideoCapture of a film whose images come as they lie in the file; it may not have opened."""
+    cv2 = library("cv2", "reading a film")
+    capture = cv2.VideoCapture(str(path))
+    # OpenCV turns images as the film's header says, and leaves those of PNG and JPEG, and so the background, as they are
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    return capture
 
 
 def unpacked_grey(data: bytes) -> npt.NDArray[Any]:

@@ -24,7 +24,7 @@ from tactape_fab.sense.live.replay import has_stamps, refuse_no_seconds, replay
 from tactape_fab.sense.live.sources import Frame, Trouble
 from tactape_fab.sense.live.stream import stream_source
 from tests.live import SHAPE, npy, ramp, read, save_npz
-from tests.recordings import unreadable_film
+from tests.recordings import film, turned_film, unreadable_film
 
 # Replay
 
@@ -519,6 +519,15 @@ def test_an_image_as_large_as_frames_is_not_taken_whole_where_a_part_is_to_be_cu
 def test_a_camera_that_is_none_is_an_error() -> None:
     with pytest.raises(TactapeError, match="/dev/video0 cannot be opened"):
         list(camera_source(Path("/dev/video0"), (240, 320), opened=lambda _: Shots([], opened=False))(Event()))
+
+
+def test_a_film_that_is_marked_as_turned_is_read_as_it_is_stored(tmp_path: Path) -> None:
+    """As images and backgrounds are: OpenCV turns films alone."""
+    image = coloured(40)
+    image[:120] = 200
+    same, turned = (make(tmp_path / f"{make.__name__}.mp4", [image]) for make in (film, turned_film))
+    (told,), (stored,) = (read(film_source(path, (240, 320), keep=True))[0] for path in (turned, same))
+    np.testing.assert_array_equal(told.image, stored.image)
 
 
 def test_a_film_is_read_by_opencv_as_a_camera_is(tmp_path: Path) -> None:
