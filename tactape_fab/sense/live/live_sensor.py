@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import cos, radians, sin
@@ -91,6 +92,7 @@ class LiveSensor:
         self._ended: BaseException | None = None
         self._thread = Thread(target=self._run, daemon=True, name="watch")
         self._thread.start()
+        atexit.register(self.close)  # a thread that is inside OpenCV when the process ends aborts it
         with self._changed:
             # the decoder is prepared in a second, or compiled in twenty: that is no part of the time in which a frame is to come
             self._changed.wait_for(lambda: self._prepared or self._ended is not None)
@@ -154,6 +156,7 @@ class LiveSensor:
         """End it; the answer in hand is finished."""
         self._stop.set()
         self._thread.join()
+        atexit.unregister(self.close)
 
     def __enter__(self) -> LiveSensor:
         return self

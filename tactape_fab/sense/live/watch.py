@@ -24,6 +24,8 @@ _Locators = dict[tuple[float, float], tuple[SensorProfile, Locate]]
 
 WAIT_S = 0.05
 """Longest time without a frame after which `watch` gives None."""
+END_S = 0.5
+"""Longest wait for the threads that read, at the end: one that is inside OpenCV when the process ends aborts it."""
 MOST_SCALES = 8
 """Scales that the files of a folder may name; each takes a localizer of its own."""
 
@@ -65,10 +67,11 @@ def watch_all(watches: Sequence[Watch], tallies: Sequence[Tally], stop: Event) -
     for watched in watches:
         _locator(watched, None, locators.setdefault(id(watched.job.sensor), {}))  # compiled before the first frame
     changed, last = Condition(), -1
-    slots = [Slot(changed) for _ in watches]
+    slots, threads = [Slot(changed) for _ in watches], list[Thread]()
     for watched, tally, slot in zip(watches, tallies, slots, strict=True):
         alone = len(watches) == 1
-        Thread(target=_read, args=(watched.source, slot, tally, stop, alone), daemon=True, name="frames").start()
+        threads.append(Thread(target=_read, args=(watched.source, slot, tally, stop, alone), daemon=True, name="frames"))
+        threads[-1].start()
     try:
         while not stop.is_set():
             found = take_next(slots, changed, last + 1, WAIT_S)
@@ -91,6 +94,9 @@ def watch_all(watches: Sequence[Watch], tallies: Sequence[Tally], stop: Event) -
         return
     finally:
         stop.set()
+        due_s = perf_counter() + END_S
+        for thread in threads:
+            thread.join(max(0.0, due_s - perf_counter()))
 
 
 def _read(source: Source, slot: Slot, tally: Tally, stop: Event, alone: bool) -> None:

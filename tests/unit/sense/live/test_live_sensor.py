@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -55,6 +57,19 @@ def test_the_time_that_the_decoder_takes_to_prepare_is_none_of_a_read(
     monkeypatch.setattr("tactape_fab.sense.live.live_sensor.make_locator", slow)
     with LiveSensor(str(recording), [str(default_kit.path)], rate=20.0) as live:
         assert live.read().fix.located
+
+
+def test_one_that_nobody_closes_has_ended_when_the_process_does(default_kit: Kit, recording: Path) -> None:
+    """A thread that is inside OpenCV then aborts it."""
+    arguments = f"{str(recording)!r}, [{str(default_kit.path)!r}], rate=1.0"
+    code = f"""import atexit
+from tactape_fab.sense import LiveSensor
+atexit.register(lambda: print(live.running))
+live = LiveSensor({arguments})
+live.read(timeout_s=60.0)
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout == "False\n"
 
 
 def test_an_answer_that_is_too_old_is_none(default_kit: Kit, recording: Path, tmp_path: Path) -> None:

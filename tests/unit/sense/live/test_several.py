@@ -47,6 +47,23 @@ def answered(sources: list[Source], locator: object = at_once) -> tuple[list[tup
 # The loop
 
 
+def test_the_thread_that_reads_has_ended_with_the_answers() -> None:
+    """Inside OpenCV it would abort the process that ends."""
+    done: list[bool] = []
+
+    def source(stop: Event) -> Iterator[Frame]:
+        yield Frame(number=0, image=ramp(0))
+        stop.wait(60.0)
+        sleep(0.1)
+        done.append(True)
+
+    stop = Event()
+    for found in watch_all([Watch(job=JOB, source=source, locator=at_once)], [Tally()], stop):
+        if found is not None:
+            stop.set()
+    assert done == [True]
+
+
 def slowly(job: Job, sensor: SensorProfile) -> Locate:
     def locate(depth: object, *, timestamp: float | None = None) -> object:
         sleep(0.01)
