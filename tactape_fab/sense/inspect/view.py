@@ -269,5 +269,5 @@ def _nothing_found(
     fault = "no tag of the family tag36h11 is in it" if not tags else "its tag cannot be followed to the parts"
     return SpecError(
         f"{fault}, and its {len(blobs.px)} spots are no parts of {names}; scan the whole tape sharp, its parts toward the glass, "
-        "and give dpi=N, as it was scanned"
+        "at as many dpi across as along, and give dpi=N, as it was scanned"
     )

@@ -105,6 +105,7 @@ BAD: dict[str, tuple[Callable[[Picture], bytes], str, float | None, str]] = {
     "black": (lambda p: png(np.zeros((1200, 1800, 3), np.uint8)), THIS, 1200, "it is empty"),
     "noise of no dpi": (noise, THIS, None, "no tag of the family tag36h11 is in it, and it does not say its dpi; give dpi=N"),
     "noise": (noise, THIS, 1200, "spots are no parts of tactape-s007"),
+    "1200 x 600 dpi": (lambda p: png(np.ascontiguousarray(p[::2])), THIS, 1200, "at as many dpi across as along"),
     "too few dpi": (shrunk, THIS, None, "fewer than 559; scan at 600 dpi or more"),
     "no bytes": (lambda _: b"", THIS, None, "it is no TIFF, PNG or JPEG"),
     "text": (lambda _: b"no picture at all", THIS, None, "it is no TIFF, PNG or JPEG"),
