@@ -95,7 +95,8 @@ def _batches(folder: Path, columns: list[str], rows: int = _ROWS) -> Iterator[An
     parquet = library("pyarrow.parquet", "reading a LeRobot dataset")
     for path in _files(folder, _TABLES):
         with open_regular(path) as stream:
-            file = parquet.ParquetFile(stream, **_THRIFT)
+            # no thread of pyarrow: one that finds no memory ends the process, and the stack of each counts as memory
+            file = parquet.ParquetFile(stream, pre_buffer=False, **_THRIFT)
             most = min(_MOST_GROUP_BYTES, _BLANK_BYTES + _MOST_PACKED * os.fstat(stream.fileno()).st_size)
             for group in range(file.metadata.num_row_groups):
                 # no .column(k): a wrong size there is thrown through Cython, which ends the process (pyarrow 26.0.1)
@@ -103,7 +104,7 @@ def _batches(folder: Path, columns: list[str], rows: int = _ROWS) -> Iterator[An
                     raise SpecError(f"rows of {path.name} unpack to more than {most} bytes at once; write smaller groups")
             if file.schema_arrow.field("timestamp").type.num_fields:
                 raise SpecError(f"timestamps in {path.name} are no numbers; write one for each row")
-            batches = file.iter_batches(batch_size=rows, columns=columns)
+            batches = file.iter_batches(batch_size=rows, columns=columns, use_threads=False)
             while True:
                 with _within(_TIMES_UNPACKED * most + _ROOM_BYTES, path):
                     batch = next(batches, None)
