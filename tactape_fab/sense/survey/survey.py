@@ -23,9 +23,10 @@ from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
 from tactape_fab.sense.files.jobs import at_scale
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.sense.survey.adjust import COMMON, Adjusted, Prior, adjust
+from tactape_fab.sense.survey.adjust import Adjusted, Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, Ground, contact_of, ground_of
 from tactape_fab.sense.survey.poses import RobotPose, in_plane
+from tactape_fab.sense.survey.residuals import COMMON
 from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Film, Given, manifest_digest, refuse_other_kit, refuse_other_places
 from tactape_fab.texture.as_built_file import file_of
 from tactape_fab.texture.frames import FloatArray, IntArray
