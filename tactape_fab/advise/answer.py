@@ -14,8 +14,8 @@ from tactape_fab.advise.model import CODES, IMPRINT_SHARE, LOSS, Code, Seen, acc
 from tactape_fab.advise.question import Question
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.pool import Workers, mapped
+from tactape_fab.kit.estimate import estimate
 from tactape_fab.kit.examine.tape import profiles_of
-from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.sense.decode.rule import MOST_RANGE

@@ -16,8 +16,8 @@ from tactape_fab.advise.model import LOSS, least_contact_mm
 from tactape_fab.advise.question import Question
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.pool import Workers, mapped
+from tactape_fab.kit.estimate import estimate
 from tactape_fab.kit.examine.tape import profiles_of
-from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.profiles import FabProfile, PartProfile, read_part
 
 PITCHES_MM = tuple(round(0.7 + 0.1 * k, 1) for k in range(18))

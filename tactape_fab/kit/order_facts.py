@@ -10,6 +10,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Finding
 from tactape_fab.kit.artifact import AnyArtifact
+from tactape_fab.kit.estimate import Estimate, estimate
 from tactape_fab.kit.film.anchors import foreign_pads_mm
 from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, Place
@@ -20,11 +21,6 @@ from tactape_fab.texture.shapes import outlines_at, reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
 
-TAPES_AN_ORDER = (1, 5, 20)
-"""Order quantities for which a cost is estimated."""
-ONCE = ("setup", "stencil", "fixture", "feeder")
-"""Costs per order, independent of the number of tapes."""
-LANDS_PER_PART = 2
 _CLOSE = 1.25
 """A limit is close if the measured value is less than this factor times the limit."""
 _NEVER_CLOSE = ("size", "corner-radius", "part-count")
@@ -45,33 +41,6 @@ class Question:
     message: str
     source: str
     date: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """Cost of assembly and parts in the profile's currency: ``once`` per order and ``each`` per tape, with the lower ends of
-    both if figures are ranges; ``quantities`` for `TAPES_AN_ORDER`.
-    """
-
-    joints: int
-    minutes: float
-    once: float
-    each: float
-    least_once: float
-    least_each: float
-    quantities: tuple[Quantity, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
-    """An order of a number of tapes or panels: lowest and highest cost without bare boards, lowest and highest cost of bare
-    boards (None if not known), and number of parts including the line's attrition (None if not known).
-    """
-
-    count: int
-    cost: tuple[float, float]
-    boards: tuple[float, float] | None
-    parts: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -413,33 +382,4 @@ def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, 
         )
         for f in findings
         if f.source and not f.confirmed
-    )
-
-
-def estimate(parts: int, fab: FabProfile) -> Estimate:
-    """Estimated cost of assembling tapes with this number of parts, from the figures of the fab's profile."""
-    order, joints = fab.order, LANDS_PER_PART * parts
-    most = {name: assumption.value for name, assumption in order.costs.items()}
-    least = {name: assumption.least for name, assumption in order.costs.items()}
-    (least_once, least_each), (once, each) = (
-        (sum(costs[name] for name in ONCE), joints * costs["joint"] + parts * costs["part"]) for costs in (least, most)
-    )
-    quantities = [
-        Quantity(
-            count=count,
-            cost=(least_once + count * least_each, once + count * each),
-            boards=None if order.board is None else (count * order.board.least, count * order.board.value),
-            # rounded before ceil: 100 * 1.1 is 110.00000000000001
-            parts=None if order.attrition is None else ceil(round(count * parts * (1.0 + order.attrition.value), 6)),
-        )
-        for count in TAPES_AN_ORDER
-    ]
-    return Estimate(
-        joints=joints,
-        minutes=parts * order.placement.value / 60.0,
-        once=once,
-        each=each,
-        least_once=least_once,
-        least_each=least_each,
-        quantities=tuple(quantities),
     )

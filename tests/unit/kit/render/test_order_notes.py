@@ -107,22 +107,6 @@ def test_confirmed_limits_are_not_asked_about() -> None:
     assert [q.rule for q in facts_of(made, findings=findings).questions] == ["pad-edge"]
 
 
-def test_the_estimate_is_what_its_figures_make() -> None:
-    made = examined()
-    order = made.fab.order
-    values = {"setup": 10.0, "stencil": 20.0, "fixture": 30.0, "feeder": 40.0, "joint": 0.5, "part": 0.25}
-    costs = {name: replace(assumption, value=values[name]) for name, assumption in order.costs.items()}
-    placement = replace(order.placement, value=3.0)
-    estimate = facts_of(made, replace(made.fab, order=replace(order, costs=costs, placement=placement))).estimate
-    parts = made.tape.part_count
-    assert estimate.joints == 2 * parts
-    assert estimate.minutes == pytest.approx(parts / 20)
-    assert (estimate.once, estimate.each) == (100.0, 1.25 * parts)
-    most = [(quantity.count, quantity.cost[1]) for quantity in estimate.quantities]
-    assert most == [(n, 100.0 + n * 1.25 * parts) for n in (1, 5, 20)]
-    assert [quantity.parts for quantity in estimate.quantities] == [-(-n * parts * 11 // 10) for n in (1, 5, 20)]
-
-
 def test_a_range_is_a_range_and_what_is_not_known_is_said() -> None:
     made = examined()
     order = made.fab.order
