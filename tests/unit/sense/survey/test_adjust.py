@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactape_fab import SpecError
 from tactape_fab.sense.survey.adjust import Prior, adjust
 from tests.surveyed import DOT_MM, NOMINAL_MM, SENSOR, by_robot, drawn
 
@@ -51,3 +52,15 @@ def test_a_robot_shows_how_the_whole_tape_is_stretched() -> None:
     assert slope == pytest.approx(0.005, abs=5e-4)
     assert (off - off.mean(axis=0)).std() < 0.005
     assert found.scatter_mm == pytest.approx(0.01, rel=0.15)
+
+
+def test_contacts_of_another_copy_are_refused() -> None:
+    """Amid those of the first, and all of them, where a survey of the first is where it starts."""
+    rng = np.random.default_rng(0)
+    first_mm, second_mm = rng.normal(0.0, 0.05, (2, *NOMINAL_MM.shape))
+    own, other = (drawn(rng, shift_mm, 12)[0] for shift_mm in (first_mm, second_mm))
+    unknown = Prior(shift_mm=0.0 * NOMINAL_MM, sigma_mm=np.full(len(NOMINAL_MM), np.nan))
+    with pytest.raises(SpecError, match="two copies of the tape: in 12 of 24 frames"):
+        adjust([*own, *other], NOMINAL_MM, SENSOR, unknown)
+    with pytest.raises(SpecError, match="leave out --from"):
+        adjust(other, NOMINAL_MM, SENSOR, Prior(shift_mm=first_mm, sigma_mm=np.full(len(NOMINAL_MM), 0.003)))

@@ -1,13 +1,17 @@
-"""Residuals of a survey: their derivatives against differences, with oblong pixels."""
+"""Residuals of a survey: their derivatives against differences, with oblong pixels and a lens off the centre."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tactape_fab.sense.survey.residuals import Rows, residuals
+from tactape_fab.sense.survey.residuals import Rows, common_prior, residuals
 from tactape_fab.texture.frames import FloatArray
-from tests.surveyed import SENSOR
+from tests.surveyed import SENSOR as CENTRED
+
+SENSOR = replace(CENTRED, geometry=replace(CENTRED.geometry, center_px=(140.0, 90.0)))
 
 
 def test_derivatives_are_those_of_theresiduals() -> None:
@@ -28,3 +32,10 @@ def test_derivatives_are_those_of_theresiduals() -> None:
     by = [(left(common + d, 0.0) - left(common - d, 0.0)) / (2 * step) for d in step * np.eye(6)]
     assert by_common == pytest.approx(np.stack(by, axis=2), abs=1e-6)
     assert by_turn == pytest.approx((left(common, step) - left(common, -step)) / (2 * step), abs=1e-6)
+
+
+def test_the_prior_is_that_of_a_camera_as_its_profile_has_it() -> None:
+    """Neighbours and the rim move dots in any image; half of a profile's tolerance is one standard deviation."""
+    mean, sigmas = common_prior(replace(CENTRED, scale_tolerance=0.04))
+    assert mean.tolist() == [0.0, 0.0, 0.0, 0.0, 0.012, 0.2]
+    assert sigmas[0] == 0.02 and (sigmas > 0.0).all()
