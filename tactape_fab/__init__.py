@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from tactape_fab.make.panel import make_panel as make_panel
     from tactape_fab.sense.decode.localizer import Localizer as Localizer
     from tactape_fab.sense.decode.result import Localization as Localization
-    from tactape_fab.sense.decode.search.search import Prior as Prior
+    from tactape_fab.sense.decode.search.prior import Prior as Prior
     from tactape_fab.sense.objects.tag_pose import refine_tag_pose as refine_tag_pose
     from tactape_fab.sense.objects.tag_view import pixels_to_texture as pixels_to_texture
     from tactape_fab.sense.objects.tag_view import tag_side_mm as tag_side_mm
@@ -70,7 +70,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "make.panel": "PanelKit make_panel",
         "sense.decode.localizer": "Localizer",
         "sense.decode.result": "Localization",
-        "sense.decode.search.search": "Prior",
+        "sense.decode.search.prior": "Prior",
         "sense.objects.tag_pose": "refine_tag_pose",
         "sense.objects.tag_view": "pixels_to_texture tag_side_mm tag_to_texture texture_to_pixels",
         "sense.objects.taped_object": "TapedObject read_object",

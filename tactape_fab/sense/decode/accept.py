@@ -22,7 +22,8 @@ from tactape_fab.sense.decode.result import Localization, status_of
 from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, SCALE_ERROR, Limits, bound_of, least_agreeing, share_of_others
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
-from tactape_fab.sense.decode.search.search import Place, best_unregistered, rivals
+from tactape_fab.sense.decode.search.rivals import best_unregistered, rivals
+from tactape_fab.sense.decode.search.search import Place
 from tactape_fab.sense.decode.search.single_place import parts_under
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray, texture_to_board

@@ -35,7 +35,7 @@ from tactape_fab.sense.decode.rule import KAPPA, LEAST_DOTS, MAX_P_FALSE, UNREGI
 from tactape_fab.sense.decode.search.hypotheses import Registry, register
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane import CodePlane
-from tactape_fab.sense.decode.search.search import Prior
+from tactape_fab.sense.decode.search.prior import Prior
 from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
 from tactape_fab.sense.decode.search.trace_plane import TracePlane
 from tactape_fab.sense.decode.settings import Method, World, given_settings, setting_problems, tape_problems

@@ -16,7 +16,8 @@ from tactape_fab.sense.decode.rule import EVEN_TURNS, GRID_SHARES, LEAST_GRID_PO
 from tactape_fab.sense.decode.search.built_places import as_built
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
-from tactape_fab.sense.decode.search.search import Place, Prior, search
+from tactape_fab.sense.decode.search.prior import Prior
+from tactape_fab.sense.decode.search.search import Place, search
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 

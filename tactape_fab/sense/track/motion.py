@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.errors import refuse
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.decode.result import Localization, tape_named
-from tactape_fab.sense.decode.search.search import MOST_RADIUS_MM, Prior
+from tactape_fab.sense.decode.search.prior import MOST_RADIUS_MM, Prior
 from tactape_fab.sense.track.change import Change
 from tactape_fab.texture.frames import FloatArray
 

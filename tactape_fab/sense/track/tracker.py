@@ -13,7 +13,7 @@ from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse
 from tactape_fab.base.fields import shown
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
-from tactape_fab.sense.decode.search.search import Prior
+from tactape_fab.sense.decode.search.prior import Prior
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.track.change import change_between
 from tactape_fab.sense.track.motion import (

@@ -19,7 +19,8 @@ from tactape_fab.sense.decode.rank import Reading
 from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, MISREAD_SHARE, Limits
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import PlanePlace
-from tactape_fab.sense.decode.search.search import Place, Rivals
+from tactape_fab.sense.decode.search.rivals import Rivals
+from tactape_fab.sense.decode.search.search import Place
 from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
 from tactape_fab.sense.decode.search.single_place import shown_by
 from tactape_fab.texture.code import get_code
