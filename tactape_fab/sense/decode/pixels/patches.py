@@ -10,17 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from functools import lru_cache
-from math import erf, hypot, log, pi, sqrt
+from math import hypot, log, sqrt
 
 import numpy as np
 
-from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.filters import Image
-from tactape_fab.sense.decode.grid.posterior import LEAST_APART_MM, eliminate
+from tactape_fab.sense.decode.pixels.patch_kernel import STEPS, differences, fit_patches, patch_buffers, smoothed_body
 from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.part import TapePart
 
 BOX = "block"
@@ -29,10 +27,6 @@ FINE_PX_PER_MM = 12.0
 HALF_MM = 0.55
 """Half the side of the patch around a dot: a part of 0.6 x 0.3 mm with its blur. A pixel less at 16 px/mm, 8 of them, makes
 places of 7x7 mm 3 % less exact and takes 3 % less of a frame's time."""
-STEPS = 64
-"""Entries of a table in a pixel: a nearest entry is off by 1/128 px, 0.2 um of the steepest relief; noise makes 2 um of it."""
-NEXT_MM = 1.15
-"""A dot so near reaches into the patch: two that are 1 mm apart would draw each other's centres by 2.7 um, it is 0.5 um."""
 USUAL_BLUR_MM = 0.15
 BLUR_STEP, MOST_BLUR_STEPS = 1.2, 6
 BLURS_MM = tuple(USUAL_BLUR_MM * BLUR_STEP**k for k in range(-MOST_BLUR_STEPS, MOST_BLUR_STEPS + 1))
@@ -45,8 +39,6 @@ AGAIN_MM = 0.025
 """A dot that moves farther is fitted once more from its new place: the fit is linear for small moves alone."""
 AGAIN_HEIGHT = 0.9
 """Dots lower than this over the median, mostly those at the rim, are not fitted again: they weigh too little to matter."""
-FARTHEST_MM = 0.09
-"""No dot moves farther at a time: a fifth of a part's width would take the fit to the next slope."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +50,7 @@ class PixelFit:
     centre_mm (2,): The image centre on the gel, from the camera's.
     half_px: Half a patch, without its middle.
     offsets_px (2 half_px + 1,): Of a patch's pixels from its middle.
-    basis (5, m): In the order of `_differences`: differences of backgrounds of first and second order, orthonormal.
+    basis (5, m): In the order of `differences`: differences of backgrounds of first and second order, orthonormal.
     usable (h, w): Pixels around which a whole patch has depth.
     blur_mm: Standard deviation of the gel's blur; None: estimated from the frame.
     variance: Of the noise of a slope, as a difference of pixels in the frame's unit; None where it is not known.
@@ -137,7 +129,7 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
     # none
     smooth = np.empty((5, 2 * u.size - 1 - len(u)), dtype=np.float32)
     for background, out in zip((u, v, u * u, u * v, v * v), smooth, strict=True):
-        _differences(background.ravel(), len(u), out)
+        differences(background.ravel(), len(u), out)
     return PixelFit(
         factor=factor,
         scale_px_per_mm=(sensor.px_per_mm[0] / factor, sensor.px_per_mm[1] / factor),
@@ -268,31 +260,14 @@ def fitted(
     blur_mm: Standard deviation of the Gaussian that the gel smooths it by.
     around_px (k, 2): All dots, where `at_px` are some of them: one up to `NEXT_MM` off belongs to the relief, but does not move.
     """
-    base = np.rint(at_px).astype(np.int64)
-    dense = STEPS * max(fit.scale_px_per_mm)
+    base, side = np.rint(at_px).astype(np.int64), len(fit.offsets_px)
     # a pixel is the mean over its area, which is as a blur of 1/12 px^2
     blur = hypot(blur_mm, 1.0 / sqrt(12.0) / fit.scale_px_per_mm[0])
-    reach, (length_mm, width_mm) = len(fit.offsets_px) * STEPS, part.body_mm[:2]
-    # a box smoothed by a round Gaussian is a product: a smoothed step up and down along the length, and one along the width
-    along, across = _profile(length_mm / 2.0, blur, reach, dense), _profile(width_mm / 2.0, blur, reach, dense)
-    images = np.empty((5, len(fit.offsets_px) ** 2), dtype=np.float32)
-    columns, products, out = np.empty(fit.basis.shape, dtype=np.float32), np.empty((5, 5)), np.empty((12, len(base)))
-    per_px = (to_body * dense).astype(np.float32)
-    _fit(
-        image,
-        base,
-        (at_px - base).astype(np.float32),
-        (at_px if around_px is None else around_px).astype(np.float32),
-        ((LEAST_APART_MM * dense) ** 2, (NEXT_MM * dense) ** 2),
-        per_px,
-        along,
-        across,
-        fit.basis,
-        len(fit.offsets_px),
-        images,
-        columns,
-        products,
-        out,
+    body = smoothed_body(part.body_mm, blur, side, STEPS * max(fit.scale_px_per_mm), to_body)
+    around = (at_px if around_px is None else around_px).astype(np.float32)
+    out = np.empty((12, len(base)))
+    fit_patches(
+        image, base, (at_px - base).astype(np.float32), around, body, fit.basis, side, patch_buffers(fit.basis, side), out
     )
     return Patches(
         moved_mm=out[0:2].T,
@@ -304,136 +279,3 @@ def fitted(
         left=out[10],
         misfit=out[11],
     )
-
-
-@kernel(fastmath=True)
-def _fit(
-    image: Image,
-    base: IntArray,
-    off: Image,
-    around: Image,
-    near: tuple[float, float],
-    per_px: Image,
-    along: Image,
-    across: Image,
-    basis: Image,
-    side: int,
-    images: Image,
-    columns: Image,
-    products: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Fill in the fields of `Patches`, one after the other (12, n).
-
-    Buffers are `images` (5, side^2), `columns` (5, m), their differences, and `products` (5, 5).
-
-    Columns of the least squares are the relief, its slopes along the body's length and width, its derivative by half the blur's
-    variance, and the frame.
-    """
-    # `zero` is the table's middle, and the half that makes of `int` the nearest entry. A body's place is in table entries:
-    # per_px has the factor `dense`
-    last, half, zero = len(along) - 1, side // 2, np.float32(len(along) // 2 + 0.5)
-    along_u, along_v, across_u, across_v = per_px[0, 0], per_px[0, 1], per_px[1, 0], per_px[1, 1]
-    for n in range(len(base)):
-        # the body's smoothed step, its slope and its curvature, from the nearest entry of each table
-        off_u, left = off[n, 0], base[n, 0] - half
-        for j in range(side):
-            v = np.float32(j - half) - off[n, 1]
-            row, drawn = image[base[n, 1] + j - half, left : left + side], images[:, j * side : (j + 1) * side]
-            down, right = along_v * v, across_v * v
-            for i in range(side):
-                u = np.float32(i - half) - off_u
-                a = along[min(max(int((along_u * u + zero) + down), 0), last)]
-                b = across[min(max(int((across_u * u + zero) + right), 0), last)]
-                drawn[0, i] = a[0] * b[0]
-                drawn[1, i] = a[1] * b[0]
-                drawn[2, i] = a[0] * b[1]
-                # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
-                drawn[3, i] = a[2] * b[0] + a[0] * b[2]
-                drawn[4, i] = row[i]
-        for k in range(len(around)):  # dots next to it belong to the relief, and do not move with it
-            far_u, far_v = around[k, 0] - base[n, 0] - off_u, around[k, 1] - base[n, 1] - off[n, 1]
-            far_a, far_b = along_u * far_u + along_v * far_v, across_u * far_u + across_v * far_v
-            if near[0] < far_a * far_a + far_b * far_b < near[1]:
-                for j in range(side):
-                    v, drawn = np.float32(j - half) - off[n, 1], images[:, j * side : (j + 1) * side]
-                    down, right = along_v * v + (zero - far_a), across_v * v + (zero - far_b)
-                    for i in range(side):
-                        u = np.float32(i - half) - off_u
-                        a = along[min(max(int(along_u * u + down), 0), last)]
-                        b = across[min(max(int(across_u * u + right), 0), last)]
-                        drawn[0, i] += a[0] * b[0]
-                        drawn[3, i] += a[2] * b[0] + a[0] * b[2]
-        for k in range(5):
-            _differences(images[k], side, columns[k])
-        for k in range(5):
-            of = _products(columns, columns[k])
-            for m in range(5):
-                products[k, m] = of[m]
-        # normal equations after projecting out the backgrounds (Frisch and Waugh): products minus those along the basis
-        for c in range(len(basis)):
-            smooth = _products(columns, basis[c])
-            for k in range(5):
-                for m in range(5):
-                    products[k, m] -= smooth[k] * smooth[m]
-        # height and place alone first: entry (0, 4) is then the height under the blur that all dots share
-        for k in range(3):
-            eliminate(products, k, 4)
-        out[3, n] = products[0, 4]  # before the blur is fitted as well
-        eliminate(products, 3, 4)
-        # after the fourth: the inverse of the normal matrix in front, the coefficients in column 4, the right side still in row
-        # 4
-        height, power, found = products[0, 4], max(products[4, 4], 1e-300), 0.0
-        for k in range(4):
-            found += products[k, 4] * products[4, k]
-        some = min(height, 1e150) if height > 0.0 else 1e150  # what is no bump has no place
-        # h T(x - d) = h T(x) - h d T'(x)
-        for k in range(2):
-            out[k, n] = min(max(-products[1 + k, 4] / some, -FARTHEST_MM), FARTHEST_MM)
-            for m in range(2):
-                out[4 + 2 * k + m, n] = products[1 + k, 1 + m] / (some * some)
-        left = max(power - found, 0.0)
-        out[2, n], out[8, n], out[9, n] = height, products[3, 4] / some, products[3, 3] / (some * some)
-        out[10, n], out[11, n] = left, left / power
-
-
-@kernel(fastmath=True)
-def _differences(image: Image, side: int, out: Image) -> None:
-    """Differences between pixels and the next ones, row by row, 0 at the end of a row; then between them and those below."""
-    # of slices: an index of i + 1 may be negative for all that numba knows, and such a loop takes four times as long
-    side_by_side, below = out[: len(image) - 1], out[len(image) - 1 :]
-    right, down = image[1:], image[side:]
-    for i in range(len(right)):
-        side_by_side[i] = right[i] - image[i]
-    for i in range(side - 1, len(right), side):
-        side_by_side[i] = 0.0
-    for i in range(len(down)):
-        below[i] = down[i] - image[i]
-
-
-@inner_kernel(fastmath=True)
-def _products(columns: Image, other: Image) -> tuple[float, float, float, float, float]:
-    """Scalar products of five columns with another one: together they take half the time."""
-    a = b = c = d = e = np.float32(0.0)
-    for i in range(len(other)):
-        a += columns[0, i] * other[i]
-        b += columns[1, i] * other[i]
-        c += columns[2, i] * other[i]
-        d += columns[3, i] * other[i]
-        e += columns[4, i] * other[i]
-    return float(a), float(b), float(c), float(d), float(e)
-
-
-@lru_cache(maxsize=64)
-def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> Image:
-    """A smoothed step up and down, its slope and curvature, `reach` places on both sides of the middle, `dense` a mm; (k, 4)."""
-    at = np.arange(-reach, reach + 1) / dense
-    up, down = (at + half_mm) / blur_mm, (at - half_mm) / blur_mm
-    # the integral of a Gaussian over the body: Phi(up) - Phi(down)
-    value = [(erf(a / sqrt(2.0)) - erf(b / sqrt(2.0))) / 2.0 for a, b in zip(up.tolist(), down.tolist(), strict=True)]
-    bell_up, bell_down = (np.exp(-(z**2) / 2.0) / (sqrt(2.0 * pi) * blur_mm) for z in (up, down))
-    # derivatives by the place; of exp(-z^2 / 2) it is -z / blur times it
-    slope, curvature = bell_up - bell_down, (down * bell_down - up * bell_up) / blur_mm
-    table = np.array([value, slope, curvature, np.zeros(len(at))], dtype=np.float32).T.copy()  # an entry is in one cache line
-    table.setflags(write=False)
-    return table
