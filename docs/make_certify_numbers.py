@@ -10,6 +10,8 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a dependency installs a package `tests`, too
+
 from tactape_fab import TapeSpec, make_kit
 from tactape_fab.base.picture_file import write_picture
 from tactape_fab.kit.examine.code_tapes import default_tapes

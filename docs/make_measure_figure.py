@@ -12,7 +12,7 @@ from pathlib import Path
 
 import cv2
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a dependency installs a package `tests`, too
 
 from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.sense.inspect.inspection import inspect_with_views

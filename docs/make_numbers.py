@@ -9,6 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a dependency installs a package `tests`, too
+
 from tactape_fab import Kit, TapeSpec, make_kit
 from tests.bench.marks import replaced
 

@@ -6,10 +6,13 @@ The folder holds background.png and nnmodel.pth of a GelSight Mini (rpl-cmu/norm
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a dependency installs a package `tests`, too
 
 from tactape_fab import Localizer, TapeSpec
 from tactape_fab.kit.examine.tape import examine

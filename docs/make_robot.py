@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a dependency installs a package `tests`, too
+
 from tests.bench import camera, tracking
 from tests.bench.evidence.record import about
 from tests.bench.marks import all_replaced, measured_line, stamp

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # a dependency installs a package `tests`, too
+
 from tactape_fab import Tape, TapeSpec, examine
 from tests.bench.marks import all_replaced, measured_line, stamp
 

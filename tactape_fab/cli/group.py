@@ -27,26 +27,37 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # As it ends, the interpreter looks twice for garbage among all objects, which go anyway: a twentieth of a `make`
 atexit.register(gc.freeze)
 
-COMMANDS = (
-    "advise",
-    "calibrate",
-    "certify",
-    "check",
-    "completion",
-    "coupon",
-    "decode",
-    "doctor",
-    "emboss",
-    "inspect",
-    "make",
-    "profiles",
-    "registry",
-    "ros2",
-    "simulate",
-    "survey",
-    "verify",
-    "watch",
-)
+_SECTIONS = {
+    "Design and make": {
+        "advise": "Say which W, Δ and part locate a contact of some size.",
+        "check": "Measure a tape against the rules of its fab or process.",
+        "make": "Write a tape's kit: all that fab and assembly line need.",
+        "emboss": "Put a kit's texture on a part of yours.",
+        "coupon": "Write a small panel that shows where a fab's limits are.",
+        "profiles": "List fab profiles, explain one, or confirm its limits.",
+    },
+    "Prove": {
+        "verify": "Read a kit back by other software, decode it, make it again.",
+        "certify": "Say what every window of some tapes can tell apart.",
+        "registry": "List tapes and their distances, or pack them into a file.",
+    },
+    "Locate contacts": {
+        "simulate": "Write depth maps of a sensor on a kit's tape.",
+        "decode": "Locate the contacts in files of frames.",
+        "watch": "Locate frames as they come, and never be late.",
+        "ros2": "Run the ROS 2 node.",
+    },
+    "Measure": {
+        "calibrate": "Find a sensor's profile by some ten presses on a tape.",
+        "inspect": "Find where a tape's parts are, from scans or photographs.",
+        "survey": "Find where a tape's parts are, from many contacts.",
+    },
+    "This installation": {
+        "doctor": "Say what it can do, and what looks wrong in a sensor's frames.",
+        "completion": "Print what makes a shell complete commands and names.",
+    },
+}
+COMMANDS = tuple(sorted(name for commands in _SECTIONS.values() for name in commands))
 """Names of the commands; each is a function in the module of the same name in this package."""
 
 
@@ -92,6 +103,12 @@ class _Group(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return command(cmd_name) if cmd_name in COMMANDS else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """By what they are for, in whole sentences: click would cut the first one of each command's help."""
+        for title, commands in _SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl([(f"{name:10}", text) for name, text in commands.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
         try:

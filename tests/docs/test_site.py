@@ -215,3 +215,15 @@ def test_a_key_that_is_missing_or_wrong_does_not_fit(schema: Any, small_kit: Kit
                 assert not schema.is_valid({**whole, key: value}), key
         outside = [{**whole["files"][0], "path": "../elsewhere"}]
         assert not schema.is_valid({**whole, "files": outside})
+
+
+def test_scripts_find_the_tests_of_the_checkout_before_those_of_a_dependency() -> None:
+    """Hershey-Fonts installs a package `tests`, and an editable checkout comes after it on the path."""
+    found = {}
+    for script in DOCS.rglob("*.py"):
+        text = script.read_text(encoding="utf-8")
+        if (first := re.search(r"^from tests\b", text, re.MULTILINE)) is not None:
+            found[script.name] = (
+                re.search(r"^sys\.path\.insert\(0, |^from common ", text[: first.start()], re.MULTILINE) is not None
+            )
+    assert len(found) > 9 and all(found.values()), found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -48,7 +49,7 @@ def parsed(text: str) -> Any:
 
 def test_help_names_every_command() -> None:
     text = run("--help").stdout
-    assert all(f"\n  {name} " in text for name in COMMANDS) and "--version" in text
+    assert all(re.search(rf"^  {name} +[A-Z][^.]+\.$", text, re.MULTILINE) for name in COMMANDS) and "--version" in text
     assert run("-h").stdout == text
 
 
