@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from math import degrees, exp, log
+from math import cos, degrees, exp, log, sin
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,7 @@ def accept_place(
     limits: Limits,
     pixels: Pixels | None = None,
     pressed: tuple[ContactView, Image, Image] | None = None,
-    sharper: Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None,
+    sharper: Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray | None]] | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
@@ -64,8 +64,8 @@ def accept_place(
     pixels: The frame, where its pixels are to refine the pose of an answer that is accepted.
     pressed (ContactView, Image, Image): The canonical frame, and as dots were detected in it, where its depths are millimetres.
     sharper: Function of the dots' detected positions (px of the frame), their offsets from the image centre (square pixels) and
-        their nominal positions (mm), each (n, 2), that returns corrections in square pixels (n, 2) and heights (n,). Only the
-        pose is fitted to corrected dots: search, acceptance and the contact dot use the uncorrected ones.
+        their nominal positions (mm), each (n, 2): `SquareImage.shifts`. Only the pose is fitted to corrected dots: search,
+        acceptance and the contact dot use the uncorrected ones.
     Returns answer: Located, or with the reason of refusal.
     Returns explained: Whether the dots fit an unregistered tape instead.
     """
@@ -82,7 +82,7 @@ def accept_place(
         return Localization(located=False, reason=seen, **fields), other
     seen_px = dots.seen_px if dots.seen_px is None or len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
     sharp = None if sharper is None or seen_px is None else sharper(seen_px, on.offset_px, on.nominal_mm)
-    shift_px, heights = sharp or (np.zeros(2), on.weights)
+    shift_px, heights, unsure = sharp or (np.zeros(2), on.weights, None)
     offset_px = on.offset_px + shift_px
     built_mm, placed_mm = on.nominal_mm, None
     built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
@@ -124,12 +124,25 @@ def accept_place(
         refined = (pose, _TILTED) if drawn else refine(pixels, view, part, offset_px, built_mm, pose, placed_mm)
         pose, fields["refine_reason"] = refined
         fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
-    if built is not None:
-        # a drift moves the texture under all dots alike: it is in the position, not in the turn
-        pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
+    by_dots = unsure is not None and not drawn and fields["refined"] == "dots"
+    pose = _less_sure(pose, unsure if by_dots else None, 0.0 if built is None else built.drift_mm)
     return Localization(
         located=True, **fields, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)
     ), False
+
+
+def _less_sure(pose: Pose, unsure: FloatArray | None, drift_mm: float) -> Pose:
+    """The pose with more covariance: of what all dots err by alike, and of a drift of the tape's measured places.
+
+    unsure (3, 3): Of u mm and v mm, along the image's axes, and theta rad.
+    drift_mm: It moves the texture under all dots alike: it is in the position, not in the turn.
+    """
+    covariance = pose.covariance + np.diag([drift_mm**2, drift_mm**2, 0.0])
+    if unsure is not None:
+        turn, c, s = np.eye(3), cos(pose.theta_rad), sin(pose.theta_rad)
+        turn[:2, :2] = [[c, s], [-s, c]]  # R(theta) (paper, Eq. 12)
+        covariance += turn @ unsure @ turn.T
+    return replace(pose, covariance=covariance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

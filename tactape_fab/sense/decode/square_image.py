@@ -76,8 +76,8 @@ class SquareImage:
 
     def shifts(
         self, part: TapePart | None, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Corrections of the detected positions, square pixels, shape (n, 2), and heights of the dots, shape (n,).
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """Corrections of the detected positions (n, 2), square pixels, heights of the dots (n,), and `Drawn.covariance`.
 
         part: The tapes' part; None if they differ.
         high: The band-passed depth map, `Dots.high`.
@@ -89,9 +89,9 @@ class SquareImage:
             # shifts are a tenth of a pixel: that shear and distortion turn them by some per cent is left out
             shift_px = shift_px * (1.0, self.aspect)
         if part is None:
-            return shift_px, heights
+            return shift_px, heights, None
         drawn = drawn_px(part, heights, offset_px, texture_mm, self.px_per_mm)
-        return (shift_px if drawn is None else shift_px - drawn), heights
+        return (shift_px, heights, None) if drawn is None else (shift_px - drawn.shift_px, heights, drawn.covariance)
 
 
 def square_image(sensor: SensorProfile) -> SquareImage:

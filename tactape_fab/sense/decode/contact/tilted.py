@@ -94,7 +94,7 @@ def tilted_pose(
     drawn = share * view.px_per_mm * _drawn_mm(_relative_slopes(heights, offset_px / view.px_per_mm), pose, view)
     along_parts = None if view.part is None else drawn_px(view.part, heights, offset_px, texture_mm, view.px_per_mm)
     if along_parts is not None:  # has been taken off, by heights of whole dots alone
-        seen_px = seen_px + along_parts
+        seen_px = seen_px + along_parts.shift_px
     # `settled`'s correction is taken back as far as the contact counts as tilted, the draw of the pressure taken off instead
     places = offset_px + share * (seen_px - offset_px) - drawn
     moved = _flat(places, slope, bend, view)
