@@ -183,7 +183,6 @@ def _filmed(folder: Path, topic: str) -> Iterator[Stamped]:
     """Images of a feature's films, with the timestamps of the tables."""
     stamps = (float(value.as_py()) for batch in _batches(folder, ["timestamp"]) for value in batch.column("timestamp"))
     for path in _films(folder, topic):
-        open_regular(path).close()  # OpenCV would wait for the writer of a FIFO for ever
         capture = opened_film(path)
         try:
             there, image = capture.read()

@@ -5,13 +5,15 @@ Sizes are read before anything is unpacked.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import SpecError, reason_of
+from tactape_fab.base.fields import shown_path
 from tactape_fab.base.image_file import (
     AS_STORED,
     PNG_HEADER,
@@ -33,6 +35,9 @@ _MOST_BYTES = 256 << 20
 _WIDTH, _HEIGHT, _BITS, _SAMPLES, _FORMAT, _ORIENTATION = 256, 257, 258, 277, 339, 274
 _NUMBERS = {(16, 2): "signed", (16, 3): "floating-point", (32, 1): "unsigned", (32, 2): "signed"}
 """Kinds of numbers by BitsPerSample and SampleFormat (TIFF 6.0, section 19) that are no depth maps here."""
+_FILM_BEGIN = re.compile(rb"RIFF.{4}AVI |\x1aE\xdf\xa3|.{4}(ftyp|moov|mdat|wide|free|skip|pnot)", re.DOTALL)
+"""How AVI, Matroska and the files of QuickTime and MP4 begin."""
+_MOST_BEGIN_BYTES, _MOST_FILM_PX = 12, 1 << 25
 _PURPOSE = "reading a picture"
 _REMEDY = "write it with one channel of 16 bits, or a .tif of floats of 32"
 _COLOUR_REMEDY = "give a PNG or JPEG with three channels of 8 bits"
@@ -77,9 +82,27 @@ def unpacked_colour(data: bytes) -> npt.NDArray[np.uint8]:
 
 
 def opened_film(path: Path) -> Any:
-    """cv2.VideoCapture of a film whose images come as they lie in the file; it may not have opened."""
+    """cv2.VideoCapture of a film whose images come as they lie in the file; it may not have opened.
+
+    Raises SpecError when it is no film, or one that OpenCV cannot be given.
+    """
     cv2 = library("cv2", "reading a film")
-    capture = cv2.VideoCapture(str(path))
+    film = f"film {shown_path(path)}"
+    try:
+        begin = read_regular(path, _MOST_BEGIN_BYTES)
+    except OSError as error:
+        raise SpecError(f"{film} cannot be opened: {reason_of(error)}; give another") from error
+    # FFmpeg goes by the content alone, and reads lists that name other files: a FIFO for ever, themselves again and again
+    if not _FILM_BEGIN.match(begin):
+        raise SpecError(f"{film} is no .avi, .mkv, .mov or .mp4 by its first bytes; write it anew as one")
+    # absolute, as FFmpeg takes what is before a colon for a protocol: 2026-11-28T10:30.mp4
+    name = str(path.absolute())
+    if name != name.encode(errors="replace").decode():
+        raise SpecError(f"{film} has a path that is no UTF-8, at which OpenCV would end the process; rename it")
+    capture = cv2.VideoCapture(name)
+    width, height = capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    if width * height > _MOST_FILM_PX:  # FFmpeg unpacks images of 2^28 px, several at a time
+        raise SpecError(f"{film} has {width:.0f} x {height:.0f} px, more than {_MOST_FILM_PX} in all; scale it down")
     # OpenCV turns images as the film's header says, and leaves those of PNG and JPEG, and so the background, as they are
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     return capture

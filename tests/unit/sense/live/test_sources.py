@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import sys
 import threading
 from pathlib import Path
 from threading import Event
@@ -528,6 +529,34 @@ def test_a_film_that_is_marked_as_turned_is_read_as_it_is_stored(tmp_path: Path)
     same, turned = (make(tmp_path / f"{make.__name__}.mp4", [image]) for make in (film, turned_film))
     (told,), (stored,) = (read(film_source(path, (240, 320), keep=True))[0] for path in (turned, same))
     np.testing.assert_array_equal(told.image, stored.image)
+
+
+@pytest.mark.parametrize("name", ["2026-11-28T10:30.mp4", "frame%03d.mp4"])
+def test_a_film_is_opened_by_its_name_as_it_is(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """FFmpeg takes what is before a colon for a protocol."""
+    monkeypatch.chdir(tmp_path)
+    assert len(read(film_source(film(tmp_path / "film.mp4", [coloured(40)]).rename(name), (240, 320), keep=True))[0]) == 1
+
+
+def test_a_list_of_films_that_ffmpeg_would_follow_is_no_film(tmp_path: Path) -> None:
+    """It may name a FIFO, for whose writer FFmpeg waits for ever, or itself, which it opens until no file is left."""
+    (tmp_path / "film.mp4").write_text("ffconcat version 1.0\nfile film.mp4\n")
+    with pytest.raises(SpecError, match=r"film\.mp4 is no \.avi, \.mkv, \.mov or \.mp4 by its first bytes"):
+        read(film_source(tmp_path / "film.mp4", (240, 320), keep=False))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode")
+def test_a_film_whose_name_is_no_utf_8_does_not_end_the_process(tmp_path: Path) -> None:
+    path = film(tmp_path / "film.mp4", [coloured(40)]).rename(tmp_path / "film\udcff.mp4")
+    with pytest.raises(SpecError, match="has a path that is no UTF-8"):
+        read(film_source(path, (240, 320), keep=False))
+
+
+def test_a_film_of_huge_images_is_refused_before_they_are_unpacked(tmp_path: Path) -> None:
+    """Images of 2^28 px, which FFmpeg unpacks, take more than 2 GB."""
+    path = film(tmp_path / "film.mp4", [np.zeros((6000, 6000, 3), dtype=np.uint8)])
+    with pytest.raises(SpecError, match=r"film\.mp4 has 6000 x 6000 px, more than 33554432 in all"):
+        read(film_source(path, (240, 320), keep=False))
 
 
 def test_a_film_is_read_by_opencv_as_a_camera_is(tmp_path: Path) -> None:
