@@ -195,8 +195,6 @@ def answers() -> Iterator[None]:
         lines = list(dict.fromkeys(map(with_options, lines)))  # for 0x0 both parts give the same message
         more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
         fail(status, [*lines[:_MOST_LINES], *more])
-    except MemoryError:
-        fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
     except ModuleNotFoundError as error:  # an installation without all dependencies, as on a robot
         if error.name is None or error.name.startswith("tactape_fab"):
             raise

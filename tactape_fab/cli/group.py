@@ -93,6 +93,8 @@ def command(name: str) -> click.Command:
 
 _NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Windows does not define EDQUOT."""
+_NO_MEMORY = re.compile(r"can't start new thread|failed to map segment|Cannot allocate memory|Insufficient memory")
+"""What Python's threads, the loader of libraries, the system and OpenCV say where memory is short."""
 
 
 class _Group(click.Group):
@@ -130,21 +132,30 @@ class _Group(click.Group):
         before, sys.unraisablehook = sys.unraisablehook, repeat_dropped_signal
         try:
             return super().main(*args, **kwargs)
-        except OSError as error:
-            if _cannot_print(error):
+        except Exception as error:
+            if isinstance(error, OSError) and _cannot_print(error):
                 sys.stdout = None  # flushing its buffer would fail again
                 message = f"standard output cannot be written: {error.strerror}; give it room, or another place"
-            elif error.errno in _NO_ROOM:
+            elif isinstance(error, OSError) and error.errno in _NO_ROOM:
                 import tempfile  # imported here: few commands need it
 
                 place = f"the temporary folder {tempfile.gettempdir()} cannot be written"
                 message = f"{place}: {error.strerror}; make room there, or set TMPDIR to another folder"
+            elif _no_memory(error):
+                message = "there is not enough memory for this; free some, or give a smaller input"
             else:
                 raise
             click.echo(f"error: {message}", err=True)
             sys.exit(1)
         finally:
             sys.unraisablehook = before
+
+
+def _no_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one during whose handling it was raised, says that memory was short."""
+    return error is not None and (
+        isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) is not None or _no_memory(error.__context__)
+    )
 
 
 def _cannot_print(error: OSError) -> bool:

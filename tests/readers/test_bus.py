@@ -167,7 +167,7 @@ def test_local_is_this_machine_alone_and_is_said_when_taken(zenoh: Any, monkeypa
             ZenohBus("local")
 
 
-@pytest.mark.parametrize("endpoint", ["", "7447", "http/a:1", "tcp/a b:1", "tcp/127.0.0.1:1"])
+@pytest.mark.parametrize("endpoint", ["", "7447", "http/a:1", "tcp/a b:1", "tcp/127.0.0.1:1", "tcp/127.0.0.1:1#a=b;="])
 def test_an_endpoint_that_cannot_be_used_is_refused(zenoh: Any, endpoint: str) -> None:
     with pytest.raises(SpecError, match="zenoh = "):
         ZenohBus(endpoint)

@@ -47,9 +47,9 @@ class ZenohBus:
         self._zenoh = library("zenoh", "--zenoh")
         self._naming, self._gid, self._sent = naming, uuid4().bytes, Counter[str]()
         config = self._zenoh.Config()
-        for key, value in _settings(endpoint).items():
-            config.insert_json5(key, json.dumps(value))
         try:
+            for key, value in _settings(endpoint).items():
+                config.insert_json5(key, json.dumps(value))
             self._session = self._zenoh.open(config)
         except self._zenoh.ZError as error:
             what = (

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -313,6 +315,33 @@ def test_a_full_disk_is_said_in_one_line(args: tuple[str, ...]) -> None:
     assert done.stderr.splitlines() == [
         "error: standard output cannot be written: No space left on device; give it room, or another place"
     ]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("can't start new thread"),
+        ImportError("/lib/cv2.abi3.so: failed to map segment from shared object"),
+        OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)),
+    ],
+)
+@pytest.mark.parametrize("hidden", [False, True])
+def test_no_memory_is_said_in_one_line(error: Exception, hidden: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever finds none, and also where a library raises its own error because of that, as llvmlite does."""
+
+    def short(*_: object, **__: object) -> NoReturn:
+        try:
+            raise error
+        except Exception:
+            if hidden:
+                raise OSError("cannot find libllvmlite.so") from None
+            raise
+
+    monkeypatch.setattr("tactape_fab.cli.doctor.diagnose", short)
+    result = run("doctor")
+    said = "error: there is not enough memory for this; free some, or give a smaller input\n"
+    assert (result.exit_code, result.output) == (1, said)
 
 
 def test_ctrl_c_has_the_status_that_shells_have_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
