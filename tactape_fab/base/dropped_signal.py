@@ -6,6 +6,8 @@ import _thread
 import signal
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 OF_SIGNAL = 128
 INTERRUPTED = OF_SIGNAL + signal.SIGINT
@@ -35,3 +37,24 @@ def _send(number: int) -> None:
         signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:
         _thread.interrupt_main(signal.Signals(number))
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Context manager: Ctrl-C, SIGTERM and SIGHUP that come in the block are handled at its end.
+
+    Libraries of nanobind call Python as they are loaded, and end the process (std::terminate) at an exception in it.
+    """
+    came: list[int] = []
+    before = {}
+    if threading.current_thread() is threading.main_thread():  # handlers run in no other
+        # not by a mask of signals: one that another thread takes is handled in this one all the same
+        numbers = (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))
+        before = {n: signal.signal(n, lambda number, _: came.append(number)) for n in numbers if n}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        for number in came:
+            signal.raise_signal(number)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.build_date import build_date, zip_date
+from tactape_fab.base.dropped_signal import signals_held
 from tactape_fab.base.errors import Check, LostProcessError, Problem, SpecError, VerifyError, reason_of, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
@@ -146,7 +147,8 @@ def emboss_kit(
     if problems or kit is None or source is None:
         raise SpecError(problems)
     content, tape = kit
-    library("manifold3d", "emboss")
+    with signals_held():
+        library("manifold3d", "emboss")
     # only characters that every file system accepts; a leading dot would hide the folder, a leading hyphen look like an option
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
     if target is None:
