@@ -91,8 +91,8 @@ def command(name: str) -> click.Command:
     return found
 
 
-_NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
-"""Windows does not define EDQUOT."""
+_NO_ROOM, _NO_FOLDER = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)), "No usable temporary directory"
+"""Windows does not define EDQUOT. The text is Python's, where no temporary folder can be written, also as all are full."""
 _NO_MEMORY = re.compile(r"can't start new thread|failed to map segment|Cannot allocate memory|Insufficient memory")
 """What Python's threads, the loader of libraries, the system and OpenCV say where memory is short."""
 
@@ -136,11 +136,12 @@ class _Group(click.Group):
             if isinstance(error, OSError) and _cannot_print(error):
                 sys.stdout = None  # flushing its buffer would fail again
                 message = f"standard output cannot be written: {error.strerror}; give it room, or another place"
-            elif isinstance(error, OSError) and error.errno in _NO_ROOM:
+            elif isinstance(error, OSError) and (error.errno in _NO_ROOM or _NO_FOLDER in str(error)):
                 import tempfile  # imported here: few commands need it
 
-                place = f"the temporary folder {tempfile.gettempdir()} cannot be written"
-                message = f"{place}: {error.strerror}; make room there, or set TMPDIR to another folder"
+                # none is set where all are full or read-only, and asking for it would fail again
+                place = f"the temporary folder {tempfile.tempdir} cannot be written: " if tempfile.tempdir else ""
+                message = f"{place}{error.strerror}; make room there, or set TMPDIR to another folder"
             elif _no_memory(error):
                 message = "there is not enough memory for this; free some, or give a smaller input"
             else:

@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any, NoReturn
@@ -315,6 +316,20 @@ def test_a_full_disk_is_said_in_one_line(args: tuple[str, ...]) -> None:
     assert done.stderr.splitlines() == [
         "error: standard output cannot be written: No space left on device; give it room, or another place"
     ]
+
+
+def test_no_temporary_folder_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all are read-only, as in a container, or full, Python finds none, and asking for its name fails again."""
+
+    def full(*_: object, **__: object) -> NoReturn:
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
+
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_get_default_tempdir", full)
+    monkeypatch.setattr("tactape_fab.cli.doctor.diagnose", tempfile.gettempdir)
+    result = run("doctor")
+    said = "error: No usable temporary directory found in ['/tmp']; make room there, or set TMPDIR to another folder\n"
+    assert (result.exit_code, result.output) == (1, said)
 
 
 @pytest.mark.parametrize(
