@@ -15,11 +15,11 @@ from tactape_fab.kit.spec.grid_options import DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.scene import USUAL_BLUR_MM, Scene
 
 KEYS = ("contact_mm", "sensor", "process", "fab", "blur_mm", "placement_mm", "tapes", "size_mm")
 MOST_CONTACT_MM, MOST_BLUR_MM, MOST_PLACEMENT_MM, MOST_TAPES = 100.0, 0.5, 0.2, 1000
-_DEFAULTS = {"blur_mm": Scene().elastomer_mm, "placement_mm": Scene().placement_mm, "tapes": 1, "process": FILM}
+_DEFAULTS = {"blur_mm": USUAL_BLUR_MM, "placement_mm": Scene().placement_mm, "tapes": 1, "process": FILM}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +52,7 @@ def read_question(values: Mapping[str, Any]) -> Question:
     """Read a question from untrusted values; missing keys have their defaults. Raises SpecError: every problem found."""
     problems: list[Problem] = []
     sensor = tried(lambda: load_sensor(values.get("sensor", DEFAULT_SENSOR)), problems)
-    blur = {} if sensor is None or sensor.gel.blur_mm is None else {"blur_mm": sensor.gel.blur_mm}
+    blur = {} if sensor is None else {"blur_mm": Scene().blur_mm(sensor.gel)}
     table = Fields({**_DEFAULTS, **blur, **values}, "", problems)
     problems += [unknown_key(key, KEYS) for key in values if key not in KEYS]
     if "contact_mm" not in values:

@@ -51,7 +51,11 @@ _READ: dict[str, Callable[[str], Any]] = {
     "--noise-model", metavar="sensor|slope|smooth", help="smooth is the older model.  [default: sensor, the one of its profile]"
 )
 @click.option("--placement", metavar="MM", help="Standard deviation of the parts' places.  [default: 0]")
-@click.option("--elastomer", metavar="MM", help="How far the gel smooths, standard deviation.  [default: 0.15; elastic: 0.04]")
+@click.option(
+    "--elastomer",
+    metavar="MM",
+    help="How far the gel smooths, standard deviation.  [default: the sensor's, or 0.15; elastic: 0.04]",
+)
 @click.option("--scale-error", metavar="SHARE", help="The true px/mm is the profile's times 1 + SHARE.  [default: 0]")
 @click.option("--aspect-error", metavar="SHARE", help="The true aspect is the profile's plus SHARE.  [default: 0]")
 @click.option("--shear-error", metavar="SHARE", help="The true shear is the profile's plus SHARE.  [default: 0]")

@@ -31,6 +31,7 @@ from tactape_fab.sense.calibrate.errors import whitening
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.decode.grid.posterior import PULL_SIGMA
 from tactape_fab.sense.geometry import Geometry
+from tactape_fab.sense.simulation.scene import USUAL_BLUR_MM
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.marks import command, write_between
 from tests.measured import measured as measured_places
@@ -135,7 +136,7 @@ def truth_of(row: Row) -> SensorProfile:
         sigma_shear=1e-6,
         sigma_k1=1e-6,
     )
-    gel = replace(sensor.gel, displacement_um=row.scene.get("gel_displacement_um", 0.0), blur_mm=Scene().elastomer_mm)
+    gel = replace(sensor.gel, displacement_um=row.scene.get("gel_displacement_um", 0.0), blur_mm=USUAL_BLUR_MM)
     return replace(
         sensor,
         px_per_mm=(sensor.px_per_mm[0] * scale, sensor.px_per_mm[1] * scale),

@@ -138,7 +138,12 @@ def simulate_file(
     poses = None if at is None else np.tile(at, (frames_count, 1))
     frames = iterate_frames(tape, frames_count, whole_seed, profile, how, poses=poses, edge=edge, parts=parts)
     record: dict[str, Any] = {"tape": tape.name, "sector": tape.sector, "sensor": profile.name}
-    record |= {"seed": whole_seed, "edge": edge, "from_cpl": source == "cpl", "scene": how.to_mapping()}
+    record |= {
+        "seed": whole_seed,
+        "edge": edge,
+        "from_cpl": source == "cpl",
+        "scene": how.to_mapping() | {"elastomer_mm": how.blur_mm(profile.gel)},
+    }
     if tape.as_built is not None:
         record["as_built"] = tape.as_built.manifest_sha256
     write_frames(path, _shown(frames, frames_count, progress), frames_count, profile, record)

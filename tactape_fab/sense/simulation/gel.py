@@ -96,7 +96,7 @@ def press(relief_mm: FloatArray, profile: SensorProfile, scene: Scene, rng: np.r
     """The depth map that a sensor delivers of a relief pressed into its gel; shape `profile.frame_shape`."""
     camera = true_camera(profile, scene)
     imprint, background = contact_images(scene, (profile.height_px, profile.width_px), camera)
-    sigma_u_px, sigma_v_px = (scene.elastomer_mm * scale for scale in camera.px_per_mm)
+    sigma_u_px, sigma_v_px = (scene.blur_mm(profile.gel) * scale for scale in camera.px_per_mm)
     depth = _smooth(relief_mm.astype(np.float32) * imprint, sigma_u_px, sigma_v_px)
     depth += background
     return sensed(depth, profile, scene, rng)

@@ -9,11 +9,14 @@ from typing import Any, Literal
 
 from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, unknown_key
+from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 
 Contact = Literal["ellipse", "strip", "pad"]
 CONTACTS = ("ellipse", "strip", "pad")
 NoiseModel = Literal["sensor", "slope", "smooth"]
+USUAL_BLUR_MM = 0.15
+"""Standard deviation of the elastomer's Gaussian under a sensor whose profile does not know it."""
 NOISE_MODELS = ("sensor", "slope", "smooth")
 SMOOTH_NOISE = ("white_um", "correlated_um", "correlated_px")
 """Figures of the noise model "smooth"."""
@@ -42,8 +45,8 @@ class Scene:
         outline itself.
     texture_mm : float
         Height of an imprinted part before the elastomer smooths it. Less than the part's height, because the gel bridges.
-    elastomer_mm : float
-        Standard deviation of the Gaussian that models the elastomer.
+    elastomer_mm : float or None
+        Standard deviation of the Gaussian that models the elastomer; None: that of the sensor's gel, or 0.15 mm.
     dome_mm : float
         Height of the background from the contact's own shape.
     tilt_mm_per_mm : (float, float)
@@ -87,7 +90,7 @@ class Scene:
     contact_turn_deg: float = 0.0
     roll_off_mm: float = 0.8
     texture_mm: float = 0.12
-    elastomer_mm: float = 0.15
+    elastomer_mm: float | None = None
     dome_mm: float = 0.3
     tilt_mm_per_mm: tuple[float, float] = (0.01, -0.005)
     noise_model: NoiseModel = "sensor"
@@ -158,6 +161,11 @@ class Scene:
             return self.strip_width_mm / 2
         # a cylinder pressed in by d touches to x^2 / 2 R = d
         return max(sqrt(2 * self.cylinder_radius_mm * self.dome_mm), _LEAST_CONTACT_MM / 2)
+
+    def blur_mm(self, gel: Gel) -> float:
+        """Standard deviation of the elastomer's Gaussian under a sensor with this gel, mm."""
+        given = gel.blur_mm if self.elastomer_mm is None else self.elastomer_mm
+        return USUAL_BLUR_MM if given is None else given
 
     def changed(self, options: Mapping[str, Any]) -> Scene:
         """The scene with some of its attributes replaced.

@@ -395,3 +395,14 @@ def test_noise_after_a_mean_filter_is_that_of_the_model(tape: Tape, options: dic
     mean = (summed[:, 25:, 25:] - summed[:, :-25, 25:] - summed[:, 25:, :-25] + summed[:, :-25, :-25]) / 625
     left = noise[:, 13 : 13 + mean.shape[1], 13 : 13 + mean.shape[2]] - mean
     assert left.std() == pytest.approx(left_um / 1000, rel=0.06)
+
+
+def test_the_blur_is_the_sensors_own_unless_a_scene_gives_one(tape: Tape) -> None:
+    """0.15 mm was drawn for every gel, and `advise` and the decoder took the profile's: promised and drawn contacts differed."""
+    mini = load_sensor("gelsight-mini")
+    soft = replace(mini, gel=replace(mini.gel, blur_mm=0.3))
+    drawn = ((soft, Scene()), (mini, Scene(elastomer_mm=0.3)), (soft, Scene(elastomer_mm=0.15)), (mini, Scene()))
+    own, given, usual, usually = (simulate(tape, (20.0, 12.0), 45.0, sensor=sensor, scene=scene) for sensor, scene in drawn)
+    np.testing.assert_array_equal(own, given)
+    np.testing.assert_array_equal(usual, usually)
+    assert np.abs(own - usual).max() > 0.01
