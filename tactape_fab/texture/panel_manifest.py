@@ -72,7 +72,7 @@ def _turn(entry: Fields) -> float:
 
 
 def kits_of(path: Path) -> list[Path]:
-    """Paths of a panel's kits, given its folder or manifest; the path itself alone if it is not a panel.
+    """Folders of a panel's kits, given its folder or manifest; the path itself alone if it is not a panel.
 
     Raises SpecError if it is a panel whose manifest cannot be read.
     """
@@ -87,4 +87,4 @@ def kits_of(path: Path) -> list[Path]:
     placed = read_placed(table)
     if table.problems:
         raise SpecError([Problem("tape", p.message) for p in table.problems])
-    return [file.parent / PurePosixPath(tape.manifest) for tape in placed]
+    return [file.parent / PurePosixPath(tape.manifest).parent for tape in placed]

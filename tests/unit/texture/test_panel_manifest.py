@@ -80,7 +80,7 @@ def test_kits_of_a_panel_are_its_tapes_and_of_all_else_the_place_itself(tmp_path
     assert (is_panel(kit), is_panel(panel), is_panel({})) == (False, True, False)
     assert kits_of(written(**kit)) == [tmp_path]
     for path in (written(**panel, tapes=[ROW]), tmp_path / "manifest.json"):
-        assert kits_of(path) == [tmp_path / "tapes" / "a" / "manifest.json"]
+        assert kits_of(path) == [tmp_path / "tapes" / "a"]
     with pytest.raises(SpecError, match=r"tapes\[0\].rotation_deg = 45 deg") as refused:
         kits_of(written(**panel, tapes=[{**ROW, "rotation_deg": 45}]))
     assert [problem.key for problem in refused.value.problems] == ["tape"]
