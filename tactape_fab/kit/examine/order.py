@@ -22,6 +22,7 @@ from tactape_fab.kit.panel.tabs_and_marks import plan_panel
 from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.kit.profiles.confirm import Trial
 from tactape_fab.kit.rules.film_rules import assembly_findings
+from tactape_fab.kit.rules.spacing import size_finding
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
 from tactape_fab.kit.spec.tape_spec import TapeSpec, read_spec
 from tactape_fab.texture.board import TAG_FAMILY, TAG_IDS
@@ -59,7 +60,7 @@ class ExaminedPanel:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Every design rule once, with the value of its worst tape and the place there; assembly rules are measured on the panel.
+        """Every design rule once, with the value of its worst tape and the place there; size and assembly are those of the panel.
 
         Findings of a coupon have no remedy, as no option changes its tapes.
         """
@@ -72,8 +73,9 @@ class ExaminedPanel:
 
     def _findings(self, *, on_panel: bool) -> tuple[Finding, ...]:
         parts = sum(tape.tape.part_count for tape in self.tapes)
-        # the assembly line handles the panel, so number of parts and size are the panel's
-        of_panel = {f.rule: f for f in assembly_findings(self.panel.size_mm, parts, self.fab, "panel")}
+        # fab and assembly line handle the panel, so number of parts and size are the panel's
+        size_mm = self.panel.size_mm
+        of_panel = {f.rule: f for f in (size_finding(size_mm, self.fab), *assembly_findings(size_mm, parts, self.fab, "panel"))}
         worst: dict[str, Finding] = {}
         of_tapes = zip(self.tapes, self.panel.places, strict=True)
         for finding in (_on_panel(f, place) if on_panel else f for tape, place in of_tapes for f in tape.findings):

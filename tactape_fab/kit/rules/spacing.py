@@ -40,7 +40,7 @@ def check(layout: Layout, fab: FabProfile, spec: TapeSpec) -> list[Finding]:
         *_legend_rules(layout, fab),
         *_hole_rules(layout, fab),
     ]
-    findings.append(_size_rule(layout.tape, fab))
+    findings.append(size_finding(layout.tape.board.size_mm, fab))
     return findings
 
 
@@ -375,15 +375,16 @@ def hole_to_parts(
         yield finding(profile, rule, (values[worst], places[worst]), what, "move the hole")
 
 
-def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
-    longer, shorter = max(tape.board.size_mm), min(tape.board.size_mm)
+def size_finding(board_mm: tuple[float, float], fab: FabProfile) -> Finding:
+    """Check the size of what the fab makes, a tape or a panel."""
+    longer, shorter = max(board_mm), min(board_mm)
     most = fab.size.largest_mm
     # the side that is too long in the board's own orientation; the longer one if both or none are
     too_long = [side > limit + TOLERANCE_MM for side, limit in zip((longer, shorter), most, strict=True)]
     passed = not any(too_long)
     value, limit = (shorter, most[1]) if too_long == [False, True] else (longer, most[0])
     least = (min(longer, most[0]), min(shorter, most[1]))
-    smaller = least if tape.board.size_mm[0] >= tape.board.size_mm[1] else least[::-1]
+    smaller = least if board_mm[0] >= board_mm[1] else least[::-1]
     message = (
         f"board {longer:g} x {shorter:g} mm {'is within' if passed else 'exceeds'} {most[0]:g} x {most[1]:g} mm of {fab.name}"
     )

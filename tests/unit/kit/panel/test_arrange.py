@@ -201,3 +201,4 @@ def test_what_assembly_asks_is_asked_of_the_panel() -> None:
     assert findings["part-count"].value == 2 * 1984
     assert findings["assembly-size"].passed
     assert "the panel is 114 x 116 mm" in findings["assembly-size"].message
+    assert findings["size"].message.startswith("board 116 x 114 mm is within")  # it was the tape's, beside the panel's own size

@@ -20,7 +20,7 @@ from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.profiles import LIMIT_IDS
-from tactape_fab.kit.rules.spacing import _size_rule, check, hole_rules
+from tactape_fab.kit.rules.spacing import check, hole_rules, size_finding
 from tactape_fab.texture.board import Board
 from tests.unit.kit.test_plan import FAB, PAD_ARC_MM, PART, Floats, Shapes, board_shape, draw, edge_gap, grid_centres, placed_mask
 
@@ -373,7 +373,7 @@ def test_a_board_larger_than_the_fab_takes_is_a_warning(
 ) -> None:
     whole = random_design(0)
     layout = replace(whole.layout, tape=replace(whole.layout.tape, board=replace(whole.layout.tape.board, size_mm=size_mm)))
-    finding = _size_rule(layout.tape, FAB)
+    finding = size_finding(layout.tape.board.size_mm, FAB)
     assert (finding.value, finding.limit) == (value_mm, limit_mm)
     assert (finding.passed, finding.level, finding.blocks) == (passed, "warn", False)
     assert "600 x 250 mm of generic-fpc" in finding.message
@@ -443,7 +443,6 @@ def test_what_a_remedy_of_holes_says(
     ("size_mm", "side"), [((600.0003, 255.0), 1), ((255.0, 600.0003), 1), ((605.0, 250.0003), 0), ((605.0, 255.0), 0)]
 )
 def test_a_board_is_too_long_by_the_side_that_is(size_mm: tuple[float, float], side: int) -> None:
-    tape = random_design(0).tape
-    said = _size_rule(replace(tape, board=replace(tape.board, size_mm=size_mm)), FAB)
+    said = size_finding(size_mm, FAB)
     assert not said.passed
     assert said.value == sorted(size_mm, reverse=True)[side] and said.limit == FAB.size.largest_mm[side]
