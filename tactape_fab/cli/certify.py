@@ -131,7 +131,7 @@ def _one(certificate: Certificate) -> list[str]:
     lines = [
         f"{tape.name}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, sector {tape.sector} of {tape.code} "
         f"at origin {tape.origin[0]},{tape.origin[1]}"
-        + ("" if tape.as_built is None else f"; {tape.as_built.missing} are missing as built"),
+        + ("" if tape.as_built is None else f"; {tape.as_built.missing} missing as built"),
         *table_lines(header, rows),
         _contact_line("two contacts never read the same", certificate.distinct_side),
         _contact_line("one wrong symbol never misleads", certificate.correcting_side),

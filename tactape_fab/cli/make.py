@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import sys
 import time
@@ -182,6 +183,7 @@ def _make_list(
 ) -> None:
     """Make the kits of a list and print a row for each, with its errors; the exit status is the highest of all."""
     from tactape_fab.kit.examine.tape_lists import list_tapes
+    from tactape_fab.kit.rules.film_rules import OF_ASSEMBLY
     from tactape_fab.make.many import DEFAULT_FOLDER, FailedKit, make_kits, make_packed, pack_tapes
     from tactape_fab.make.panel import PanelKit
 
@@ -211,6 +213,10 @@ def _make_list(
                     echo_lines_err(f"error: {name}: {line}" for line in lines)
                 else:
                     made.append(result.to_mapping())
+                if isinstance(result, PanelKit):
+                    clear_step()
+                    of_panel = [f for f in result.findings if f.rule in OF_ASSEMBLY]
+                    print_rules([dataclasses.replace(f, message=f"{name}: {f.message}") for f in of_panel], force=False)
                 if not as_json and isinstance(result, PanelKit):
                     echo_lines(_panel_lines(result))
                 elif not as_json and not pack:

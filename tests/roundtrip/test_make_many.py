@@ -84,6 +84,18 @@ def test_a_file_of_tapes_as_json(here: Path) -> None:
     assert all(v >= 7.0 for tape in panel["tapes"] for v in tape["offset_mm"])
 
 
+def test_the_assembly_line_is_asked_about_a_packed_panel_as_about_any(here: Path) -> None:
+    """Four tapes of 300 parts go on one panel of 1,200; of a limit of 300 nothing was said, or each tape's parts were."""
+    tapes = "--sectors 1-4 --size 30x32 --fab jlcpcb-fpc --no-3d"
+    packed = run(f"make {tapes} -o out --no-verify --pack --jobs 1")
+    assert packed.exit_code == 0, packed.stderr
+    panel = run(f"check {tapes} --panel 2x2")
+    (said,) = (line for line in panel.stderr.splitlines() if line.startswith("warning: part-count: "))
+    assert [line for line in packed.stderr.splitlines() if "part-count" in line or "assembly-size" in line] == [
+        said.replace("part-count: ", "part-count: tactape-panel-1: ")
+    ]
+
+
 @slow
 def test_kits_join_a_folder_and_replace_only_when_asked(here: Path) -> None:
     assert run(f"make --sectors 1 {SMALL} -o lab --no-verify").exit_code == 0

@@ -19,6 +19,7 @@ from tactape_fab.kit.examine.together import apart, of_sector, other_sectors, se
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.panel.packing import misfit
 from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.kit.rules.film_rules import OF_ASSEMBLY
 from tactape_fab.kit.spec.grid_options import BEST
 from tactape_fab.kit.spec.tape_list import TapeEntry, read_list
 from tactape_fab.kit.spec.tape_spec import TapeSpec
@@ -123,7 +124,8 @@ def list_tapes(
         raise DesignRuleError(broken)
     # a list with refused or undesigned tapes is not compared: substitutes would conflict with each other
     together = () if len(tally.drawn) < len(tally.tapes) else _together(tally, by_table="tapes" in values)
-    of_tapes = [finding for finding in tally.findings if not (packed and finding.rule == "assembly-size")]  # the panel is larger
+    # the assembly line handles the panels, on which these are measured
+    of_tapes = [finding for finding in tally.findings if not (packed and finding.rule in OF_ASSEMBLY)]
     return Listed(tapes=tuple(tally.tapes), findings=(*of_tapes, *_copies(tally.tapes), *together), workers=chosen)
 
 

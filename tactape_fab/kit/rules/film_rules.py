@@ -277,6 +277,10 @@ def _paste_ratio(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
     )
 
 
+OF_ASSEMBLY = ("part-count", "assembly-size")
+"""Rules of `assembly_findings`."""
+
+
 def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile, what: str = "tape") -> Iterator[Finding]:
     """Check the number of parts, and whether the assembly line accepts the size of the ordered item, a tape or a panel."""
     most = fab.parts.most
