@@ -93,5 +93,9 @@ def simulate(
             echo_line(
                 f"warning: the pick-and-place file leaves out {counted(made.left_out, 'part')}; the frames lack them", err=True
             )
+        if made.unrolled_mm is not None:
+            radius = f"{made.unrolled_mm:g}"
+            remedy = f"--cylinder {radius} draws what a flat gel sees of it"
+            echo_line(f"warning: the kit is wrapped round a radius of {radius} mm, and drawn flat; {remedy}", err=True)
         frames = f"{counted(made.count, 'frame')} of {made.frame_shape[0]} x {made.frame_shape[1]} px"
         echo_line(f"{made.path}: {frames}, {made.tape} as {made.sensor} sees it")

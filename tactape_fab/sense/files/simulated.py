@@ -70,7 +70,10 @@ _CONTACT_MODELS = ("imprint", "elastic")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """A written file of frames: number, shape, tape and sensor, parts that the pick-and-place file leaves out."""
+    """A written file of frames: number, shape, tape and sensor, parts that the pick-and-place file leaves out.
+
+    unrolled_mm: Radius that the kit's texture is wrapped round, where it is drawn flat nevertheless.
+    """
 
     path: Path
     count: int
@@ -78,6 +81,7 @@ class Simulated:
     tape: str
     sensor: str
     left_out: int = 0
+    unrolled_mm: float | None = None
 
 
 def simulate_file(
@@ -154,7 +158,16 @@ def simulate_file(
         tape=tape.name,
         sensor=profile.name,
         left_out=tape.part_count - len(parts.xy_mm) if parts is not None and source == "cpl" else 0,
+        unrolled_mm=_wrapped_mm(kit) if how.contact != "strip" else None,
     )
+
+
+def _wrapped_mm(kit: str | Path) -> float | None:
+    """Radius of the cylinder that a kit's models are wrapped round, mm; None if they are flat."""
+    found: Any = read_manifest(find_manifest(kit))
+    for key in ("solid", "cylinder", "radius_mm"):
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found if isinstance(found, float) else None
 
 
 def _scene(options: Mapping[str, Any]) -> Scene:

@@ -83,6 +83,13 @@ def test_simulate_takes_other_contacts(small_kit: Kit, tmp_path: Path, option: s
         assert json.loads(str(arrays["scene"]))["scene"]["contact"] == contact
 
 
+def test_simulate_says_that_it_draws_a_wrapped_kit_flat(tmp_path: Path) -> None:
+    assert run(f"make --sector 7 --part dome --cylinder 20 --size 20x20 --no-verify -o {tmp_path / 'round'}").exit_code == 0
+    flat, bent = (run(f"simulate {tmp_path / 'round'} -o {tmp_path / 'f.npz'} {option}") for option in ("", "--cylinder 20"))
+    assert "warning: the kit is wrapped round a radius of 20 mm, and drawn flat; --cylinder 20 " in flat.stderr
+    assert bent.stderr == ""
+
+
 def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None:
     path = tmp_path / "f.npz"
     options = (
