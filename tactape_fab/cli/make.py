@@ -199,6 +199,7 @@ def _make_list(
     rows_shown = not as_json and sys.stdout is not None and sys.stdout.isatty()
     show = (lambda *_: None) if rows_shown else step_shown()  # rows show the progress
     made, failed, statuses = [], [], [0]
+    said = {f.rule for f in listed.findings if not f.passed}
     noun = "panel" if pack else "kit"
     echo_lines([] if as_json else _packed_lines(packed) if pack else [table.header()])
     try:
@@ -213,10 +214,11 @@ def _make_list(
                     echo_lines_err(f"error: {name}: {line}" for line in lines)
                 else:
                     made.append(result.to_mapping())
-                if isinstance(result, PanelKit):
+                    # the list measured one tape of those that differ in sector alone, and none of a panel's own rules
+                    new = [f for f in result.findings if not f.passed and f.rule not in said]
+                    said |= {f.rule for f in new if not (pack and f.rule in OF_ASSEMBLY)}
                     clear_step()
-                    of_panel = [f for f in result.findings if f.rule in OF_ASSEMBLY]
-                    print_rules([dataclasses.replace(f, message=f"{name}: {f.message}") for f in of_panel], force=False)
+                    print_rules([dataclasses.replace(f, message=f"{name}: {f.message}") for f in new], force=force)
                 if not as_json and isinstance(result, PanelKit):
                     echo_lines(_panel_lines(result))
                 elif not as_json and not pack:

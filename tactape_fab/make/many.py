@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.build_date import build_date, dated
-from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, reason_of, refuse, tried
+from tactape_fab.base.errors import Finding, LostProcessError, Problem, SpecError, TactapeError, reason_of, refuse, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.pool import Workers, checked_workers, mapped
@@ -39,7 +39,7 @@ _SHARED = "work in a folder that all machines of the cluster share under one pat
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MadeKit:
-    """Summary of a finished kit of a list."""
+    """Summary of a finished kit of a list; `findings` are the design rules that it does not meet."""
 
     path: Path
     name: str
@@ -52,10 +52,13 @@ class MadeKit:
     size_mm: tuple[float, float]
     files: Mapping[str, str]
     checks: int
+    findings: tuple[Finding, ...]
 
     def to_mapping(self) -> dict[str, Any]:
         """The kit as one entry of ``kits`` in the JSON object that `tactape-fab make --json` prints for a list."""
-        return {**asdict(self), "path": str(self.path), "origin": list(self.origin), "size_mm": list(self.size_mm)}
+        content = {**asdict(self), "path": str(self.path), "origin": list(self.origin), "size_mm": list(self.size_mm)}
+        del content["findings"]
+        return content
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,6 +258,7 @@ def _make_kit(order: Ordered, again: bool) -> MadeKit:
         size_mm=(width_mm, height_mm),
         checks=len(kit.checks),
         files=kit.files,
+        findings=tuple(finding for finding in kit.findings if not finding.passed),
     )
 
 

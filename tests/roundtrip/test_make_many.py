@@ -96,6 +96,15 @@ def test_the_assembly_line_is_asked_about_a_packed_panel_as_about_any(here: Path
     ]
 
 
+def test_a_warning_of_a_later_sector_alone_is_said_once(here: Path) -> None:
+    """The strip holds the label of sectors 8 and 9; of the tapes after them it lost a line, and nothing said so."""
+    tapes = "--w 1.2 --delta 0.2 --size 40x30 --coverlay gang --no-3d"
+    made = run(f"make --sectors 8-11 {tapes} --no-verify --jobs 1")
+    alone = run(f"check --sector 10 {tapes}")
+    (said,) = (line for line in alone.stderr.splitlines() if line.startswith("warning: label: "))
+    assert [line for line in made.stderr.splitlines() if "label" in line] == [said.replace("label: ", "label: tactape-s010: ")]
+
+
 @slow
 def test_kits_join_a_folder_and_replace_only_when_asked(here: Path) -> None:
     assert run(f"make --sectors 1 {SMALL} -o lab --no-verify").exit_code == 0
