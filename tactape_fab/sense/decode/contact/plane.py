@@ -105,6 +105,10 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
         rise = np.append(terms(middle_mm[None])[0] @ shown / gain + bend.height_mm(middle_mm), bend.slope)
         changes = np.array([other.slope - bend.slope for other in bend.unsure()])
         of_rise[1:, 1:] = changes.T @ changes
+    elif flat is None and crown_mm is not None:
+        # a film is not bent about both axes, so its slope may as well be that of the contact's middle
+        uu, vv, uv = shown[3:] / gain + crown
+        apex = float(np.linalg.norm(np.array([[uu, uv], [uv, vv]]) @ middle_mm))
     of_rise[1:, 1:] += np.eye(2) * (SLOPE_FLOOR**2 + apex**2) + np.diag(SLOPE_SHARE * rise[1:]) ** 2
     if not (np.isfinite(rise).all() and np.isfinite(of_rise).all()):
         return None

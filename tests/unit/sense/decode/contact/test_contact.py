@@ -66,6 +66,18 @@ def test_a_bent_tape_is_not_flat_and_its_slope_is_that_of_the_image_s_centre() -
     assert -plane.shown[4] / GAIN == pytest.approx(1 / 15.7 + 1 / CROWN_MM[1], rel=0.05)
 
 
+def test_tops_of_no_film_say_how_unsure_their_slope_is() -> None:
+    """Domes beside the image's centre, as the imprint model has: by tops alone they lie level in their middle, or slope there."""
+    scene, told = Scene(contact_offset_mm=(3.0, -2.0), contact_mm=(7.0, 7.0), tilt_mm_per_mm=(0.0, 0.0)), []
+    for frame in iterate_frames(TAPE, 3, 3, scene=scene):
+        fix = located(frame)
+        assert fix.tilt_deg is not None and fix.tilt_covariance is not None
+        error = np.radians(fix.tilt_deg)
+        told.append(error @ np.linalg.solve(fix.tilt_covariance, error) / 2)
+        assert np.hypot(*fix.tilt_deg) > 4.0
+    assert np.mean(told) < 2.0  # it was 150
+
+
 def test_one_top_that_is_none_moves_nothing() -> None:
     at, heights, weights = tops((0.03, 0.0))
     heights[7] += 0.2
