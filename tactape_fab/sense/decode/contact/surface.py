@@ -167,7 +167,7 @@ class ContactSurface:
         return self._fitted is not None and hypot(*self._fitted.rise[1:]) > MOST_SLOPE
 
     def lie(self) -> Lie | None:
-        """Slope and bend of a tape that is tilted by 0.75 to 30 degrees or bent; None for any other, and where that is not known.
+        """Slope and bend of a tape that is tilted by 0.75 to 30 degrees, a film by 0.25, or bent; None of others.
 
         A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit, unless they are
         round a cylinder.
@@ -176,7 +176,10 @@ class ContactSurface:
         if least is None or (abs(self.off_mm[0]) < least[0] and abs(self.off_mm[1]) < least[1] and not self._maybe_bent()):
             return None
         plane = self._fitted
-        if plane is None or (plane.bend is None and (self._steep or hypot(*plane.rise[1:]) <= LEAST_SLOPE)):
+        if plane is None:
+            return None
+        least_slope = LEAST_OFF if plane.flat else LEAST_SLOPE
+        if plane.bend is None and (self._steep or hypot(*plane.rise[1:]) <= least_slope):
             return None
         return Lie(slope=plane.rise[1:], bend=plane.bend, film=plane.flat or plane.bend is not None)
 
