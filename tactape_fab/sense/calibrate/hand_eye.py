@@ -18,6 +18,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 from scipy.sparse import bmat, csr_matrix
 from scipy.spatial.transform import Rotation
+from scipy.special import fdtrc
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.calibrate.adjust import OF_ALL, OF_PRESS, Bundle, completed, pattern_of, problem_of, rows_of, start
@@ -43,6 +44,8 @@ FACE_DOWN = 0.7
 """Cosine of the angle between the tape's normal and the base's z axis, downward, from where on the tape faces down: 45 deg."""
 MOST_TILT_RAD = 0.1
 """Largest tilts of presses on a flat tape (rms): a sensor that is tilted farther loses the contact."""
+BY_CHANCE = 1e-3
+"""Probability below which tilts that go with the places of presses are those of a bent tape."""
 MOST_SHARE = 0.5
 """Largest share of the variance of tilts by the arm's own errors; above it, tilts do not tell how far the sensor reaches out."""
 _STARTS = 6
@@ -147,6 +150,7 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     own = block_diag(_own_motion(z[-12:-6]), _own_motion(z[-6:]))
     arm_rad = np.radians([pose.sigma_deg for pose in arm_poses if pose.frame in {presses[k].frame for k in which}])
     covariance = own @ covariance @ own.T + _drawn(matrix_of(z[-12:-6]), rms, arm_rad)
+    radius_mm = _radius_mm(z[OF_ALL:-12].reshape(-1, OF_PRESS)[which], left)
     return HandEye(
         sensor_to_flange=matrix_of(z[-12:-6]),
         tape_to_base=matrix_of(z[-6:]),
@@ -154,7 +158,7 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
         tape=name,
         frames=tuple(presses[k].frame for k in which),
         left=rms,
-        remarks=(*odd, *_remarks(covariance, rms), *_mirrored(matrix_of(z[-12:-6]), matrix_of(z[-6:]), covariance)),
+        remarks=(*odd, *_remarks(covariance, rms, radius_mm), *_mirrored(matrix_of(z[-12:-6]), matrix_of(z[-6:]), covariance)),
     )
 
 
@@ -361,7 +365,27 @@ def _mirrored(sensor_to_flange: FloatArray, tape_to_base: FloatArray, covariance
     ]
 
 
-def _remarks(covariance: FloatArray, left: FloatArray) -> list[str]:
+def _radius_mm(poses: FloatArray, left: FloatArray) -> float | None:
+    """The smaller radius of the surface that presses are tilted as on; None where it may be a plane.
+
+    poses (m, 3), left (m, 6): As of `misfits`.
+    """
+    # the normal of a second-order surface turns as a symmetric matrix times the place: an F test of its three curvatures
+    turns = on_tape(poses, np.zeros(3))[:, :2, :2] @ np.stack([left[:, 4], -left[:, 3]], axis=1)[..., None]
+    x, y = (poses[:, :2] - poses[:, :2].mean(axis=0)).T * [[1.0], [-1.0]]
+    one, none = np.ones_like(x), np.zeros_like(x)
+    terms = np.stack([np.concatenate(both) for both in ((one, none), (none, one), (x, none), (none, y), (y, x))], axis=1)
+    found = turns[..., 0].T.ravel()
+    curved, flat = (np.linalg.lstsq(terms[:, :count], found, rcond=None)[0] for count in (5, 2))
+    least, most = (float(((found - terms[:, : len(by)] @ by) ** 2).sum()) for by in (curved, flat))
+    freedom = len(found) - len(curved)
+    if fdtrc(3, freedom, (most - least) / 3 / max(least / freedom, 1e-18)) > BY_CHANCE:
+        return None
+    uu, vv, uv = curved[2:].tolist()
+    return float(1.0 / np.abs(np.linalg.eigvalsh([[uu, uv], [uv, vv]])).max())
+
+
+def _remarks(covariance: FloatArray, left: FloatArray, radius_mm: float | None) -> list[str]:
     """Remarks on motions that the arm's poses do not determine, and on tilts that no flat tape allows."""
     remarks = []
     # the directions that matter: across and along the sensor's axis
@@ -379,5 +403,10 @@ def _remarks(covariance: FloatArray, left: FloatArray) -> list[str]:
         remarks.append(
             f"hand-eye: presses are tilted by {np.degrees(tilt_rad):.2g} deg (rms), as on a tape that is not flat, and both "
             "transforms are off by more than is said; press one that lies on a plane"
+        )
+    elif radius_mm is not None:
+        remarks.append(
+            f"hand-eye: presses are tilted by where they are, as on a tape bent with a radius of some {radius_mm:.0f} mm, and "
+            "both transforms are off by more than is said; press one that lies on a plane"
         )
     return remarks

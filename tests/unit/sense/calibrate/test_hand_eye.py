@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -95,6 +96,24 @@ def test_a_tape_that_is_not_flat_is_named() -> None:
     assert not any("not flat" in remark for remark in solved_again(arm_poses(presses().poses, 0.05)).remarks)
     (remark,) = solved_again(arm_poses(presses().poses, 0.2)).remarks
     assert "deg (rms), as on a tape that is not flat" in remark
+
+
+@pytest.mark.parametrize("radius_mm", [200.0, -200.0, None])
+def test_a_tape_that_is_gently_round_is_named(radius_mm: float | None) -> None:
+    """The reach was off by up to four standard deviations at 200 mm, and nothing said so."""
+    along = presses().poses[:, 0] - presses().poses[:, 0].mean()
+    # from each place on the flat tape to that on the round one, in the board's frame
+    angles = np.zeros_like(along) if radius_mm is None else along / radius_mm
+    poses = []
+    for pose, at, angle in zip(arm_poses(presses().poses), along, angles, strict=True):
+        moved = [radius_mm * np.sin(angle) - at, 0.0, radius_mm * (np.cos(angle) - 1.0)] if radius_mm else [0.0, 0.0, 0.0]
+        there = np.array(TAPE.board.texture_origin_mm)[0] + presses().poses[:, 0].mean() + at
+        at_place = matrix_of(np.array([there, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        bent = matrix_of(np.array([*moved, 0.0, 0.0, 0.0])) @ at_place @ matrix_of(np.array([0.0, 0.0, 0.0, 0.0, angle, 0.0]))
+        on_it = IN_BASE @ bent @ np.linalg.inv(at_place) @ np.linalg.inv(IN_BASE)
+        poses.append(replace(pose, flange_to_base=on_it @ pose.flange_to_base))
+    said = [float(re.findall(r"radius of some (\S+) mm", remark)[0]) for remark in solved_again(poses).remarks]
+    assert said == ([] if radius_mm is None else [pytest.approx(200.0, rel=0.15)])
 
 
 def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
