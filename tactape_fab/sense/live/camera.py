@@ -29,6 +29,7 @@ _DEVICES, _MOST_DEVICES, _MOST_NAME_BYTES = Path("/sys/class/video4linux"), 256,
 _OLDEST_S = 10.0
 _MOST_MISSES = 50
 _MISS_S = 0.02
+_LEAST_MISSING = 2.0
 
 
 @as_source
@@ -115,12 +116,17 @@ def film_source(
     try:
         if not capture.isOpened():
             raise TactapeError(f"film {shown_path(path)} cannot be opened; give an .avi or .mp4")
-        start, number = perf_counter(), 0
+        start, number, stamp = perf_counter(), 0, 0.0
         while True:
             whole, image = capture.read()
             if not whole and number == 0:
                 raise TactapeError(f"film {shown_path(path)} cannot be unpacked by this OpenCV; write it anew as H.264 or MJPEG")
             if not whole:
+                # by time, as the header's number is that of its length and mean rate where images are not evenly spaced
+                missing = capture.get(cv2.CAP_PROP_FRAME_COUNT) - stamp * capture.get(cv2.CAP_PROP_FPS) - 1.0
+                if missing >= _LEAST_MISSING:
+                    message = f"film {shown_path(path)} ends after {number} images, {missing:.0f} earlier than its header says"
+                    yield Trouble(kind="film cut off", message=f"{message}; it was cut off or is damaged: copy it again")
                 return
             stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
             due_s = stamp if rate_hz is None else number / rate_hz

@@ -569,6 +569,10 @@ def test_a_film_is_read_by_opencv_as_a_camera_is(tmp_path: Path) -> None:
     frames, troubles = read(film_source(path, (240, 320), rate_hz=float("inf"), keep=False))
     assert troubles == []
     assert [round(float(f.image.mean()) / 40.0) for f in frames] == list(range(6))
+    (tmp_path / "cut.avi").write_bytes(path.read_bytes()[:-3000])
+    rest, (trouble,) = read(film_source(tmp_path / "cut.avi", (240, 320), rate_hz=float("inf"), keep=False))
+    assert len(rest) < 5 and trouble.kind == "film cut off"
+    assert f"ends after {len(rest)} images, {6 - len(rest)} earlier" in trouble.message
     np.testing.assert_allclose(np.diff([f.timestamp for f in frames]), 0.02, atol=1e-6)
     by_camera = camera_source(path, (240, 320), opened=lambda p: cv2.VideoCapture(str(p)))(Event())
     for frame in frames:
