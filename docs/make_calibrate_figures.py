@@ -9,6 +9,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from argparse import ArgumentParser
 from pathlib import Path
 
 DOCS = Path(__file__).parent
@@ -32,4 +33,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     main()

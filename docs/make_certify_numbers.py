@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from argparse import ArgumentParser
 from collections import Counter
 from pathlib import Path
 
@@ -53,11 +54,14 @@ def picture() -> None:
 
 
 def main() -> None:
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    asked = parser.parse_args()
     picture()
     head = [f"| least distance | {' | '.join(map(str, DISTANCES))} |", "|---" * (len(DISTANCES) + 1) + "|"]
     table = "\n".join([*head, default_row(), best_row(), ""])
     sys.stdout.write(table)
-    if "--write" in sys.argv[1:]:
+    if asked.write:
         PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), "numbers", table), encoding="utf-8")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,7 @@ def made_anew(text: str, content: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     content = measure()
     FIGURES.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")

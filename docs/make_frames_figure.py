@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,7 @@ def draw_image(axes: Any, tape: Tape) -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     tape = examine(TapeSpec(sector=7, size_mm=(48.0, 32.0), models=False)).layout.tape
     figure, (left, right) = plt.subplots(1, 2, figsize=(12.4, 4.6), width_ratios=(1.25, 1.0))
     draw_board(left, tape)

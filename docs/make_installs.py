@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 import tempfile
+from argparse import ArgumentParser
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,9 +83,12 @@ def beside_rows(_: Path) -> list[str]:
 
 
 def main() -> None:
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("tables", nargs="*", help="all unless named")
+    asked = parser.parse_args().tables
     with tempfile.TemporaryDirectory() as scratch:
         tables = {"sizes": sizes, "cells": cells, "beside": beside_rows}
-        for name, make in ((name, tables[name]) for name in sys.argv[1:] or tables):
+        for name, make in ((name, tables[name]) for name in asked or tables):
             rows = "\n".join(make(Path(scratch)))
             print(rows, flush=True)
             write_between(PAGE, name, f"{rows}\n")

@@ -10,6 +10,7 @@ import json
 import shutil
 import sys
 import tempfile
+from argparse import ArgumentParser
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a dependency installs a package `tests`, too
@@ -97,11 +98,15 @@ def with_table(page: str, name: str, rows: list[str]) -> str:
 
 
 def main() -> None:
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("--scores", action="store_true")
+    parser.add_argument("--changes", action="store_true")
+    asked = parser.parse_args()
     page = with_table(PAGE.read_text(encoding="utf-8"), "budgets", budget_rows())
     page = with_table(page, "mutants", mutant_rows())
-    if "--scores" not in sys.argv:
+    if not asked.scores:
         page = with_table(page, "changes", changed_rows())
-    if not {"--scores", "--changes"} & set(sys.argv):
+    if not (asked.scores or asked.changes):
         with tempfile.TemporaryDirectory() as folder:
             kit = make_kit(TapeSpec(sector=9, size_mm=(34.0, 24.0), holes_mm=((20.0, 12.0, 2.0),)), Path(folder) / "kit")
             page = with_table(page, "attacks", [attack_row(attack, cost_of(attack, kit.path)) for attack in ATTACKS])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from argparse import ArgumentParser
 from pathlib import Path
 
 from tactape_fab import TapeSpec, make_kit
@@ -40,6 +41,7 @@ def coverage() -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     FIGURES.mkdir(exist_ok=True)
     overlay()
     coverage()

@@ -10,6 +10,7 @@ import re
 import shlex
 import shutil
 import tempfile
+from argparse import ArgumentParser
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -64,6 +65,7 @@ def prepare(kit: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     page, here = PAGE.resolve(), Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)

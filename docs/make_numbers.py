@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from argparse import ArgumentParser
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a dependency installs a package `tests`, too
@@ -35,12 +36,15 @@ def lasting_rows(kit: Kit) -> list[str]:
 
 
 def main() -> None:
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         kit = make_kit(TapeSpec(sector=7), Path(folder) / "tactape-s007")
         rows = lasting_rows(kit)
     table = "\n".join(["| | |", "|---|---|", *rows, ""])
     sys.stdout.write(table)
-    if "--write" in sys.argv[1:]:
+    if asked.write:
         PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), "numbers", table), encoding="utf-8")
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+from argparse import ArgumentParser
 from pathlib import Path
 
 import cv2
@@ -45,5 +46,6 @@ def figure(folder: Path) -> np.ndarray:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     picture = figure(Path(os.environ["TACTAPE_SENSOR_DATA"]))
     cv2.imwrite(str(Path(__file__).parent / "figures" / "raw-chain.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
 from math import log2
 from pathlib import Path
@@ -136,6 +137,7 @@ def fresh(page: str, text: str) -> str:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     (DOCS / "cli.md").write_text(command_page(), encoding="utf-8")
     for page in TABLES:
         (DOCS / page).write_text(fresh(page, (DOCS / page).read_text(encoding="utf-8")), encoding="utf-8")

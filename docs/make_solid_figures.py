@@ -5,8 +5,8 @@ Run: python docs/make_solid_figures.py [NAME...]
 
 from __future__ import annotations
 
-import sys
 import tempfile
+from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -132,4 +132,6 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="all unless named")
+    main(parser.parse_args().names)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -132,5 +133,6 @@ def made_anew(text: str, content: Content) -> str:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
     PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), figures), encoding="utf-8")

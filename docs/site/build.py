@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from argparse import ArgumentParser
 from pathlib import Path
 
 SITE = Path(__file__).parent
@@ -47,4 +48,6 @@ def build(target: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(build(Path(sys.argv[1] if len(sys.argv) > 1 else "build/docs")))
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("build/docs"))
+    sys.exit(build(parser.parse_args().folder))

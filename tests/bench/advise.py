@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, product
@@ -272,7 +273,9 @@ def made_anew(text: str, content: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    if "--fit" in sys.argv:
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--fit", action="store_true")
+    if parser.parse_args().fit:
         fit()
         return
     content = {"about": {**about(), **stamp(), "seed": SEED}, "promises": promises(), "variants": variants()}

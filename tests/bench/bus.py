@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import time
+from argparse import ArgumentParser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,7 @@ def table(runs: Sequence[Mapping[str, Sequence[float]]]) -> str:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description=__doc__).parse_args()
     text = table([measured(COUNT) for _ in range(RUNS)])
     sys.stdout.write(text)
     write_between(PAGE, "latency", text)

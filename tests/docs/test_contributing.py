@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -54,3 +56,13 @@ def test_a_life_is_told_in_ten_steps_in_modules(life: str) -> None:
     steps = re.findall(r"^(\d+)\. (.+)$", section, re.MULTILINE)
     assert [int(number) for number, _ in steps] == list(range(1, 11))
     assert all("`tactape_fab/" in step for _, step in steps)
+
+
+def test_a_script_of_a_page_reads_its_arguments_before_it_writes() -> None:
+    """`make_limits.py --help` measured for minutes, and wrote the page anew."""
+    for script in (ROOT / "docs").glob("make_*.py"):
+        assert ".parse_args()" in script.read_text(encoding="utf-8"), script.name
+    page = (ROOT / "docs" / "limits.md").stat().st_mtime_ns
+    asked = [sys.executable, str(ROOT / "docs" / "make_limits.py"), "--help"]
+    assert subprocess.run(asked, capture_output=True, text=True, check=True).stdout.startswith("usage:")
+    assert (ROOT / "docs" / "limits.md").stat().st_mtime_ns == page
