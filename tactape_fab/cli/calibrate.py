@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     "--known-theta", metavar="FRAME,DEG", help="A frame pressed in a known direction, and the sensor's turn on the tape."
 )
 @click.option("--hand-eye", metavar="POSES.csv", help="Poses of the robot's flange: solve where the sensor is on it, too.")
+@click.option("--topic", metavar="NAME", help="Topic of an .mcap, feature of a LeRobot dataset.  [default: the only one]")
 @click.option("--picture", metavar="DIR", help="Write pictures of residuals and of coverage.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def calibrate(
@@ -37,12 +37,14 @@ def calibrate(
     output: str,
     known_theta: str | None,
     hand_eye: str | None,
+    topic: str | None,
     picture: str | None,
     as_json: bool,
 ) -> None:
     """Calibrate a sensor: press a tape some ten times, anywhere, and get the sensor's profile with the error of everything.
 
-    FRAMES are .npz (array depth), .npy, .png of 16 bits, or .tif of 16 or of floats of 32; those that touch nothing are welcome.
+    FRAMES are .npz (array depth), .npy, .png of 16 bits, .tif of 16 or of floats of 32, or recordings as of decode; those that
+    touch nothing are welcome.
     Of --like only size and mask must be right, and its px/mm within a factor of two. Exit status 2 where the presses do not say
     enough, with what to press.
 
@@ -52,15 +54,13 @@ def calibrate(
     """
     with answers():
         from tactape_fab.base.libraries import library
-        from tactape_fab.sense.files.jobs import is_kit
+        from tactape_fab.sense.files.jobs import told_apart
 
         library("scipy", "calibrate")
         from tactape_fab.sense.calibrate.files import write_profile
 
-        if kits:  # a shell expands a pattern to --tape A B, whose B is read as FRAMES
-            kits = [*kits, *(f for f in frames if is_kit(f))]
-            frames = [f for f in frames if not is_kit(f)]
-        found, path = _calibrated(frames, kits, like, output, picture, known_theta, hand_eye)
+        frames, kits = told_apart(frames, kits)
+        found, path = _calibrated(frames, kits, like, output, picture, known_theta, hand_eye, topic)
         files = write_profile(path, found)
         if picture is not None:
             from tactape_fab.sense.calibrate.picture import write_pictures
@@ -78,6 +78,7 @@ def _calibrated(
     picture: str | None,
     known_theta: str | None,
     hand_eye: str | None,
+    topic: str | None,
 ) -> tuple[Calibration, Path]:
     """The calibration, and the path of its profile; all invalid values are refused together."""
     from tactape_fab.base.picture_file import refuse_pictures
@@ -85,7 +86,7 @@ def _calibrated(
     from tactape_fab.sense.calibrate.files import checked_output
     from tactape_fab.sense.calibrate.picture import PICTURES
     from tactape_fab.sense.files.arm_poses import read_arm_poses
-    from tactape_fab.sense.files.depth_maps import open_frame_file
+    from tactape_fab.sense.files.jobs import open_presses
     from tactape_fab.sense.sensors import load_sensor
     from tactape_fab.texture.registry import read_tapes
 
@@ -97,15 +98,15 @@ def _calibrated(
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as presses.npz"))
     if not kits:
         problems.append(Problem("tape", "no tape is given; name the kit that was pressed with --tape"))
-    opened = [tried(partial(open_frame_file, name), problems) for name in frames]
-    tapes = tried(lambda: read_tapes(kits), problems)
     sensor = tried(lambda: load_sensor(like, "like"), problems)
+    opened = open_presses(frames, sensor, topic, problems)
+    tapes = tried(lambda: read_tapes(kits), problems)
     known = None if known_theta is None else tried(lambda: _known(known_theta), problems)
-    count = sum(file.count for file in opened if file is not None)
+    count = sum(file.count for file in opened)
     poses = None if hand_eye is None else tried(lambda: read_arm_poses(hand_eye, "hand_eye", count), problems)
     refuse(problems)
     assert path is not None and sensor is not None and tapes is not None
-    images = (frame for file in opened if file is not None for frame in file.frames())
+    images = (frame for file in opened for frame in file.frames())
     name, shown = path.stem[:100], step_shown()
     return calibrate_sensor(images, tapes, sensor, name=name, known_theta=known, arm_poses=poses, progress=shown), path
 

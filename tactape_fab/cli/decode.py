@@ -60,12 +60,10 @@ def decode(
         if dots and not as_json:
             raise SpecError(Problem("dots", "--dots is part of JSON answers, and --json is not given; give it as well"))
 
-        from tactape_fab.sense.files.jobs import Raw, is_kit, localize, prepare
+        from tactape_fab.sense.files.jobs import Raw, localize, prepare, told_apart
         from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 
-        if kits:  # a shell expands a pattern to --tape A B, whose B is read as FRAMES
-            kits = [*kits, *(f for f in frames if is_kit(f))]
-            frames = [f for f in frames if not is_kit(f)]
+        frames, kits = told_apart(frames, kits)
         options = locating_values(given)
         thing = named_object(object_file, options)
         colour = None

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, refuse, tried
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.sense.decode.settings import setting_problems
-from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
+from tactape_fab.sense.files.depth_maps import SUFFIXES, FrameFile, open_frame_file, open_frames
 from tactape_fab.sense.files.recordings import Recording, is_recording, open_recording, upright
 from tactape_fab.sense.raw.colour_images import RawImage, colour_paths, open_reconstruction
 from tactape_fab.sense.sensors import MOST_SIGMA, SensorProfile, load_sensor
 from tactape_fab.texture.code import CODE_NAMES, get_plane, has_plane
+from tactape_fab.texture.packed import is_packed
 from tactape_fab.texture.registry import read_tapes
 from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT, Tape
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
 
 Frames = FrameFile | RawImage | Recording
+_NO_RECORDING = "--topic is for recordings, .mcap, rosbag2 and LeRobot; leave it out"
 
 
 class Locate(Protocol):
@@ -57,6 +59,37 @@ def is_kit(path: str) -> bool:
         return path.lower().endswith(".json") or (Path(path).is_dir() and not is_recording(path))
     except (OSError, ValueError):
         return False
+
+
+def told_apart(frames: Sequence[str], kits: Sequence[str]) -> tuple[list[str], list[str]]:
+    """FRAMES and --tape as they are meant where either has what belongs to the other, and --tape is given.
+
+    A shell expands a pattern to --tape A B, whose B is read as FRAMES; and both are easily swapped.
+    """
+    if not kits:
+        return [*frames], []
+    swapped = [kit for kit in kits if is_recording(kit) or (Path(kit).suffix.lower() in SUFFIXES and not is_packed(Path(kit)))]
+    given = [*(f for f in frames if not is_kit(f)), *swapped]
+    return given, [*(kit for kit in kits if kit not in swapped), *(f for f in frames if is_kit(f))]
+
+
+def open_presses(paths: Sequence[str], like: SensorProfile | None, topic: str | None, problems: list[Problem]) -> list[Frames]:
+    """Files of frames and recordings of a sensor that is to be calibrated, in the order given; problems are added to `problems`.
+
+    like: As of `calibrate`; without it no recording is opened.
+    """
+    if topic is not None and not any(is_recording(path) for path in paths):
+        problems.append(Problem("topic", _NO_RECORDING))
+    opened: list[Frames] = []
+    for path in paths:
+        if not is_recording(path):
+            opened += filter(None, [tried(partial(open_frame_file, path), problems)])
+        elif like is not None and (found := tried(partial(open_recording, path, like, topic), problems)) is not None:
+            if found.ours:
+                message = f"{shown_path(path)} was written by watch, upright and in metres whatever the sensor delivers"
+                problems.append(Problem("frames", f"{message}; give the frames as they come from the sensor"))
+            opened.append(found)
+    return opened
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +179,7 @@ def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile, topic:
     recorded = [path for path in given if is_recording(path)]
     files, problems = [path for path in given if path not in recorded], list[Problem]()
     if topic is not None and not recorded:
-        problems.append(Problem("topic", "--topic is for recordings, .mcap, rosbag2 and LeRobot; leave it out"))
+        problems.append(Problem("topic", _NO_RECORDING))
     images = [] if raw is None else colour_paths(files, profile, problems)
     opened = tried(partial(open_frames, files, profile), problems) if raw is None else None
     found = [tried(partial(open_recording, path, profile, topic, colour=raw is not None), problems) for path in recorded]

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from tactape_fab import Kit
+from tactape_fab import Kit, __version__
 from tactape_fab.cli import main
+from tactape_fab.sense.live.cdr import IMAGE
+from tests.recordings import image_message, mcap
 from tests.unit.sense.calibrate.sensors import presses_on
 
 
@@ -47,6 +49,21 @@ def test_presses_become_a_profile_that_decode_takes(folder: Path, default_kit: K
     assert len(fixes) == 10 and all(fix["located"] for fix in fixes) and abs(fixes[0]["theta_deg"] - 20.0) < 0.5
     again = run("calibrate", presses, "--tape", default_kit.path, "--like", output, "-o", output, "--json")
     assert again.exit_code == 0 and abs(json.loads(again.stdout)["quantities"]["aspect"]["value"] - 0.03) < 2e-3
+
+
+def test_presses_may_be_a_recording(folder: Path, default_kit: Kit, tmp_path: Path) -> None:
+    frames = np.load(folder / "presses.npz")["depth"].astype(np.float32)
+    images = [IMAGE.encode(image_message(frame, "32FC1", k)) for k, frame in enumerate(frames)]
+    told = []
+    # with both swapped by the way
+    for given in (mcap(tmp_path / "presses.mcap", {"/gel": images}), folder / "presses.npz"):
+        result = run("calibrate", default_kit.path, "--tape", given, "-o", tmp_path / "mine.toml", "--json")
+        assert result.exit_code == 0, result.stderr
+        told.append(json.loads(result.stdout))
+    assert told[0]["quantities"] == told[1]["quantities"]
+    ours = mcap(tmp_path / "ours.mcap", {"/gel": images}, f"tactape-fab {__version__}")
+    refused = run("calibrate", ours, "--tape", default_kit.path, "-o", tmp_path / "other.toml")
+    assert refused.exit_code == 2 and "was written by watch, upright and in metres" in refused.stderr
 
 
 def test_all_problems_are_said_together_and_nothing_is_written(tmp_path: Path) -> None:
