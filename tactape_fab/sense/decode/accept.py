@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tactape_fab.sense.decode.contact.edge import off_edge
 from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
 from tactape_fab.sense.decode.contact.tilted import tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
@@ -27,6 +28,7 @@ from tactape_fab.sense.decode.search.search import Place
 from tactape_fab.sense.decode.search.single_place import parts_under
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray, texture_to_board
+from tactape_fab.texture.tape import Tape
 
 _PLACES = 1e6
 """An unregistered tape is named in a reason where E of its place exceeds this / max_p_false: it would be accepted itself, were
@@ -70,7 +72,8 @@ def accept_place(
     Returns explained: Whether the dots fit an unregistered tape instead.
     """
     place = reading.place
-    on = _on_tape(dots, place, view)
+    tape = world.tapes[place.tape] if isinstance(world, Registry) and isinstance(place, Place) else None
+    on = _on_tape(dots, place, view, tape)
     p_tape = bound_of(reading.ln_bound)
     doubt = _doubt(place, world, limits, p_tape)
     # two ways to be wrong: an unregistered texture, or another place of a registered one; so at most the sum (union bound)
@@ -120,12 +123,11 @@ def accept_place(
     if isinstance(place, Place):
         fields["places"] = "as-built" if place.as_built else "nominal"
     if pixels is not None:
-        part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
-        refined = (pose, _TILTED) if drawn else refine(pixels, view, part, offset_px, built_mm, pose, placed_mm)
-        pose, fields["refine_reason"] = refined
+        rest = (None if tape is None else tape.part, offset_px, built_mm, pose, placed_mm)
+        pose, fields["refine_reason"] = (pose, _TILTED) if drawn else refine(pixels, view, *rest)
         fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
-    by_dots = unsure is not None and not drawn and fields["refined"] == "dots"
-    pose = _less_sure(pose, unsure if by_dots else None, 0.0 if built is None else built.drift_mm)
+    unsure = None if drawn or fields["refined"] == "pixels" else unsure  # by the heights of dots that are not corrected otherwise
+    pose = _less_sure(pose, unsure, 0.0 if built is None else built.drift_mm)
     return Localization(
         located=True, **fields, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)
     ), False
@@ -152,7 +154,7 @@ class _OnTape:
     inside (n,); cells (k, 2)
     nominal_mm (k, 2): C of each: where its part stands in the texture frame (paper, Eqs. 9 and 10).
     offset_px (k, 2): t of each, here from the image centre to the dot (paper, Eq. 11).
-    weights (k,): Lower and doubtful dots weigh less.
+    weights (k,): Lower and doubtful dots weigh less, and those beside the edge of a plate.
     good: How many are of `GOOD_TRUST`.
     """
 
@@ -164,7 +166,7 @@ class _OnTape:
     good: int
 
 
-def _on_tape(dots: Dots, place: Place | PlanePlace, view: View) -> _OnTape:
+def _on_tape(dots: Dots, place: Place | PlanePlace, view: View, tape: Tape | None) -> _OnTape:
     """The dots on the answer's tape; without a tape, all dots, at the symbols that the code's plane has there (bits x + 2 y)."""
     if isinstance(place, PlanePlace):
         return _OnTape(
@@ -182,9 +184,9 @@ def _on_tape(dots: Dots, place: Place | PlanePlace, view: View) -> _OnTape:
     out = (inside, cells, nominal_mm, offset_px, weights)
     around_mm = _around_mm(view.displacement_mm, view.directions)
     k, good = parts_under(place.cells, place.shown, *seen, view.pitch_mm, around_mm, view.centre_px, *out)
-    return _OnTape(
-        inside=inside, cells=cells[:k], nominal_mm=nominal_mm[:k], offset_px=offset_px[:k], weights=weights[:k], good=good
-    )
+    nominal_mm, weights = nominal_mm[:k], weights[:k]
+    weights = weights if tape is None else off_edge(weights, nominal_mm, tape)
+    return _OnTape(inside=inside, cells=cells[:k], nominal_mm=nominal_mm, offset_px=offset_px[:k], weights=weights, good=good)
 
 
 @lru_cache(maxsize=8)

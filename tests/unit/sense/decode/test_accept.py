@@ -232,7 +232,7 @@ def test_dots_in_a_code_s_plane_are_good_above_the_limit() -> None:
     at: dict[str, Any] = {"score": 50.0, "weight": 0.0, "turn": 0, "sector": 33, "others": 0.0, "lead": 9.0}
     place = PlanePlace(**at, cells=np.zeros((5, 2), dtype=np.int64), x_bits=bits, y_bits=bits)
     view: Any = SimpleNamespace(pitch_mm=W, displacement_mm=DELTA, centre_px=np.zeros(2))
-    on = _on_tape(Dots(xy_px=np.zeros((5, 2)), weights=np.ones(5), trust=trust), place, view)
+    on = _on_tape(Dots(xy_px=np.zeros((5, 2)), weights=np.ones(5), trust=trust), place, view, None)
     assert on.good == 2 and on.weights == pytest.approx([0.0, 0.5, 1.0, 1.0, 1.0])
 
 
