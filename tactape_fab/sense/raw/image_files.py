@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError, reason_of
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.image_file import (
     AS_STORED,
     PNG_HEADER,
@@ -37,6 +37,8 @@ _NUMBERS = {(16, 2): "signed", (16, 3): "floating-point", (32, 1): "unsigned", (
 """Kinds of numbers by BitsPerSample and SampleFormat (TIFF 6.0, section 19) that are no depth maps here."""
 _FILM_BEGIN = re.compile(rb"RIFF.{4}AVI |\x1aE\xdf\xa3|.{4}(ftyp|moov|mdat|wide|free|skip|pnot)", re.DOTALL)
 """How AVI, Matroska and the files of QuickTime and MP4 begin."""
+_CODECS = re.compile("av0?1|avc[13]|divx|dx50|ffv1|fmp4|[hx]26[45]|hev[1c]|hvc1|jpeg|mjp[eg]|mp4v|mpeg|vp0?[89]0?|xvid")
+"""FourCC of films that are read. FFmpeg has hundreds of decoders, and some write beyond their memory: HFYU of OpenCV 5.0.0."""
 _MOST_BEGIN_BYTES, _MOST_FILM_PX = 12, 1 << 25
 _PURPOSE = "reading a picture"
 _REMEDY = "write it with one channel of 16 bits, or a .tif of floats of 32"
@@ -103,6 +105,10 @@ def opened_film(path: Path) -> Any:
     width, height = capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
     if width * height > _MOST_FILM_PX:  # FFmpeg unpacks images of 2^28 px, several at a time
         raise SpecError(f"{film} has {width:.0f} x {height:.0f} px, more than {_MOST_FILM_PX} in all; scale it down")
+    codec = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+    name = codec.to_bytes(4, "little").rstrip(b"\0").lower().decode("latin-1")
+    if capture.isOpened() and capture.getBackendName() == "FFMPEG" and not _CODECS.fullmatch(name):
+        raise SpecError(f"{film} is packed by {shown(name)}, not by a codec for cameras; write it anew as H.264, MJPEG or FFV1")
     # OpenCV turns images as the film's header says, and leaves those of PNG and JPEG, and so the background, as they are
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     return capture

@@ -552,6 +552,17 @@ def test_a_film_whose_name_is_no_utf_8_does_not_end_the_process(tmp_path: Path) 
         read(film_source(path, (240, 320), keep=False))
 
 
+@pytest.mark.parametrize("codec", ["HFYU", "MPNG"])
+def test_a_film_of_a_codec_that_no_camera_has_is_refused(codec: str, tmp_path: Path) -> None:
+    """FFmpeg of OpenCV 5.0.0 writes beyond its memory as it unpacks a damaged HFYU, which ends the process."""
+    writer = cv2.VideoWriter(str(tmp_path / "film.avi"), cv2.VideoWriter.fourcc(*codec), 25.0, (320, 240))
+    assert writer.isOpened()
+    writer.write(coloured(40))
+    writer.release()
+    with pytest.raises(SpecError, match=rf"film\.avi is packed by '{codec.lower()}', not by a codec for cameras"):
+        read(film_source(tmp_path / "film.avi", (240, 320), keep=False))
+
+
 def test_a_film_of_huge_images_is_refused_before_they_are_unpacked(tmp_path: Path) -> None:
     """Images of 2^28 px, which FFmpeg unpacks, take more than 2 GB."""
     path = film(tmp_path / "film.mp4", [np.zeros((6000, 6000, 3), dtype=np.uint8)])
