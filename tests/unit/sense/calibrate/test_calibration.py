@@ -204,6 +204,13 @@ def test_blind_borders_are_found_and_kept_clear_of() -> None:
     assert found.sensor.mask is not None and abs(found.sensor.geometry.aspect - 0.03) < 3e-3
 
 
+@slow
+def test_more_presses_in_the_middle_do_not_make_the_lens_known() -> None:
+    """Errors that all dots share remain: 20 presses said 0.0025 of k1, and were off by 0.008."""
+    with pytest.raises(SpecError, match="all contacts are in the middle of the image"):
+        calibrate_sensor(pressed(TRUE, 20, 3, (0.5, 0.5), 20.0).frames, [TAPE], STOCK)
+
+
 def empty_frames() -> list[Frame]:
     rng = np.random.default_rng(0)
     return [rng.standard_normal((240, 320)).astype(np.float32) * 0.005 for _ in range(8)]
