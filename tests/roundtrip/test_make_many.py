@@ -96,6 +96,15 @@ def test_the_assembly_line_is_asked_about_a_packed_panel_as_about_any(here: Path
     ]
 
 
+def test_every_kit_of_a_list_records_its_search(here: Path) -> None:
+    """That of the first sector did not: the list had searched, and made it at an origin that was given."""
+    tapes = "--size 20x20 --origin best --no-3d --no-verify"
+    assert run(f"make --sector 21 {tapes} -o alone").exit_code == 0
+    assert run(f"make --sectors 21-22 {tapes} --jobs 1").exit_code == 0
+    assert contents(here / "tactape-kits" / "tactape-s021") == contents(here / "alone")
+    assert b'"search"' in contents(here / "tactape-kits" / "tactape-s022")["manifest.json"]
+
+
 def test_a_warning_of_a_later_sector_alone_is_said_once(here: Path) -> None:
     """The strip holds the label of sectors 8 and 9; of the tapes after them it lost a line, and nothing said so."""
     tapes = "--w 1.2 --delta 0.2 --size 40x30 --coverlay gang --no-3d"

@@ -239,7 +239,9 @@ class _Tally:
     def _pass(self, spec: TapeSpec, examined: Examined, tape: Tape | None) -> None:
         if tape is not None:
             self.drawn.append(_Drawn(spec=spec, profiles=examined.profiles, planned=replace(tape, name=spec.name)))
-        self.tapes.append(Planned(spec=spec, fab=None if examined.film is None else examined.fab))
+        # as it was asked for: a kit whose origin was given records no search for it
+        asked = spec if examined.search is None else spec.with_values(origin=BEST)
+        self.tapes.append(Planned(spec=asked, fab=None if examined.film is None else examined.fab))
 
     def _refuse(self, entry: TapeEntry, problems: Sequence[Problem]) -> None:
         for problem in problems:
