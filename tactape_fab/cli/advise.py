@@ -175,7 +175,8 @@ def _explained(advice: Advice) -> Iterator[str]:
     yield f"parts: of a tape of {width_mm:g}x{height_mm:g} mm; cost: estimate of assembly, order + each tape, without the board"
     if any(not line.design.points_in.usual for line in advice.lines):
         yield "directions: eight say three bits a part, for printed and milled elements with touch-1; one decoder takes one kind"
-    yield "warnings: rules that check warns of; what a rule refuses is not listed, nor what another line beats in all"
+    yield "warnings: rules that check warns of, less those of an order (part-count); what a rule refuses is not listed, nor what"
+    yield "  another line beats in all"
     yield (
         f"assumed: {asked.tapes} registered {'tape' if asked.tapes == 1 else 'tapes'}, gel blur {asked.blur_mm:g} mm, parts off "
         f"by {asked.placement_mm:g} mm (--tapes, --blur, --placement), {IMPRINT_SHARE:.0%} of a part's height imprinted, rims of "

@@ -101,7 +101,7 @@ def look_at_frames(
     reasons = Counter(fix.reason for fix in answers if fix.reason is not None and fix.n_dots >= SOLID_DOTS)
     wrong += [f"{count} of {len(images)} frames: {reason}" for reason, count in _named(reasons)]
     if found == 0:
-        problems = _of_profile(images, tapes, sensor)
+        problems = _of_profile(images, tapes, sensor, max(fix.n_dots for fix in answers))
         wrong.append(problems if px_per_mm is None else of_file_scale(problems))
     # what is there twice is one press
     located = [fix.located for fix, image in zip(answers, once, strict=True) if np.isfinite(image).any()]
@@ -139,11 +139,12 @@ def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
     return sorted(kinds.values(), key=lambda pair: -pair[1])[:3]
 
 
-def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> str:
-    """The fault of the profile that keeps all frames from being located, if it is one."""
+def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile, most_dots: int) -> str:
+    """The fault of the profile that keeps all frames from being located, if it is one; `most_dots` of a contact."""
     found = find_orientation(images, tapes, sensor, with_depth(None, sensor))
     if found is None:
-        return "no sign, mirror or px/mm shows the tape: is it the one that was pressed, parts up, and are frames depth?"
+        few = f" Contacts show {most_dots} dots at most, which are few: press on more of it" if most_dots < SOLID_DOTS else ""
+        return f"no sign, mirror or px/mm shows the tape: is it the one that was pressed, parts up, and are frames depth?{few}"
     (u, v), mirror = found.px_per_mm, "true" if found.mirror else "false"
     changes = [
         *([f"sign = {found.sign}"] if found.sign != sensor.sign else []),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import SpecError
-from tactape_fab.sense import SensorProfile, calibrate_sensor
+from tactape_fab.sense import Scene, SensorProfile, calibrate_sensor, iterate_frames
 from tactape_fab.sense.calibrate.first_frames import look_at_frames
 from tactape_fab.sense.calibrate.orientation import fitted_size
 from tactape_fab.sense.calibrate.presses import Frame
@@ -104,6 +104,11 @@ def test_frames_of_another_size_have_their_field_of_view_upright() -> None:
     half = fitted_size((160, 96), oblong)
     assert (half.frame_shape, half.rotate90) == ((160, 96), 0) and half.px_per_mm == pytest.approx((6.4, 8.0))
     assert fitted_size((320, 192), oblong) is oblong
+
+
+def test_small_contacts_are_named_beside_a_wrong_tape() -> None:
+    small = [frame.depth for frame in iterate_frames(TAPE, 3, 4, TRUE, Scene(contact_mm=(5.0, 5.0)))]
+    assert "shows the tape: is it the one that was pressed" in said(small) and "dots at most, which are few" in said(small)
 
 
 def test_another_tape_is_named_by_the_decoder() -> None:
