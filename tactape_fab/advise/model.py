@@ -240,7 +240,7 @@ def _nodes() -> FloatArray:
 
 
 def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss, plane: Plane | None = None) -> float:
-    """Fraction of round contacts of a diameter, anywhere on the tape, that are located, by p_tape + p_place as in `rule`.
+    """Fraction of round contacts of a diameter, within the field of parts, that are located, by p_tape + p_place as in `rule`.
 
     With `plane`, no tape is registered, and all places of the plane in all sectors are compared.
     """

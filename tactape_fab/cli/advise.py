@@ -170,7 +170,7 @@ def _explained(advice: Advice) -> Iterator[str]:
 
     asked = advice.question
     width_mm, height_mm = asked.size_mm
-    yield f"contact: smallest round contact, mm, of which {LOCATED:.0%} are located anywhere on a tape, at the usual trust"
+    yield f"contact: smallest round contact, mm, of which {LOCATED:.0%} are located within the field of parts, at the usual trust"
     yield f"error, angle: medians, µm and degrees, of contacts of {asked.contact_mm:g} mm, or of the smallest where that is more"
     yield f"parts: of a tape of {width_mm:g}x{height_mm:g} mm; cost: estimate of assembly, order + each tape, without the board"
     if any(not line.design.points_in.usual for line in advice.lines):
