@@ -15,7 +15,7 @@ from tactape_fab.kit.spec.grid_options import DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.sense.simulation.scene import USUAL_BLUR_MM, Scene
+from tactape_fab.sense.simulation.scene import USUAL_BLUR_MM, Scene, blur_of
 
 KEYS = ("contact_mm", "sensor", "process", "fab", "blur_mm", "placement_mm", "tapes", "size_mm")
 MOST_CONTACT_MM, MOST_BLUR_MM, MOST_PLACEMENT_MM, MOST_TAPES = 100.0, 0.5, 0.2, 1000
@@ -52,7 +52,7 @@ def read_question(values: Mapping[str, Any]) -> Question:
     """Read a question from untrusted values; missing keys have their defaults. Raises SpecError: every problem found."""
     problems: list[Problem] = []
     sensor = tried(lambda: load_sensor(values.get("sensor", DEFAULT_SENSOR)), problems)
-    blur = {} if sensor is None else {"blur_mm": Scene().blur_mm(sensor.gel)}
+    blur = {} if sensor is None else {"blur_mm": blur_of(Scene(), sensor.gel)}
     table = Fields({**_DEFAULTS, **blur, **values}, "", problems)
     problems += [unknown_key(key, KEYS) for key in values if key not in KEYS]
     if "contact_mm" not in values:

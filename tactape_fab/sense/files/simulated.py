@@ -26,7 +26,7 @@ from tactape_fab.sense.simulation.arguments import edge_problems
 from tactape_fab.sense.simulation.draw import Frame, iterate_frames
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.parts import Parts, built_parts_of, parts_from_cpl
-from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.scene import Scene, blur_of
 from tactape_fab.sense.simulation.view import FARTHEST_MM
 from tactape_fab.texture.as_built import NOMINAL, TAKE_DESIGN
 from tactape_fab.texture.manifest import find_manifest, read_manifest, safe_path
@@ -146,7 +146,7 @@ def simulate_file(
         "seed": whole_seed,
         "edge": edge,
         "from_cpl": source == "cpl",
-        "scene": how.to_mapping() | {"elastomer_mm": how.blur_mm(profile.gel)},
+        "scene": how.to_mapping() | {"elastomer_mm": blur_of(how, profile.gel)},
     }
     if tape.as_built is not None:
         record["as_built"] = tape.as_built.manifest_sha256

@@ -10,7 +10,7 @@ from tactape_fab.sense.simulation.contact import contact_images, contact_outline
 from tactape_fab.sense.simulation.noise import add_noise
 from tactape_fab.sense.simulation.parts import Parts
 from tactape_fab.sense.simulation.pixel_coverage import add_domes, add_quads
-from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.scene import Scene, blur_of
 from tactape_fab.sense.simulation.smoothing import gaussian_kernel, smooth
 from tactape_fab.sense.simulation.true_camera import true_camera
 from tactape_fab.sense.simulation.view import View
@@ -96,7 +96,7 @@ def press(relief_mm: FloatArray, profile: SensorProfile, scene: Scene, rng: np.r
     """The depth map that a sensor delivers of a relief pressed into its gel; shape `profile.frame_shape`."""
     camera = true_camera(profile, scene)
     imprint, background = contact_images(scene, (profile.height_px, profile.width_px), camera)
-    sigma_u_px, sigma_v_px = (scene.blur_mm(profile.gel) * scale for scale in camera.px_per_mm)
+    sigma_u_px, sigma_v_px = (blur_of(scene, profile.gel) * scale for scale in camera.px_per_mm)
     depth = _smooth(relief_mm.astype(np.float32) * imprint, sigma_u_px, sigma_v_px)
     depth += background
     return sensed(depth, profile, scene, rng)

@@ -162,11 +162,6 @@ class Scene:
         # a cylinder pressed in by d touches to x^2 / 2 R = d
         return max(sqrt(2 * self.cylinder_radius_mm * self.dome_mm), _LEAST_CONTACT_MM / 2)
 
-    def blur_mm(self, gel: Gel) -> float:
-        """Standard deviation of the elastomer's Gaussian under a sensor with this gel, mm."""
-        given = gel.blur_mm if self.elastomer_mm is None else self.elastomer_mm
-        return USUAL_BLUR_MM if given is None else given
-
     def changed(self, options: Mapping[str, Any]) -> Scene:
         """The scene with some of its attributes replaced.
 
@@ -192,6 +187,12 @@ class Scene:
     def to_mapping(self) -> dict[str, Any]:
         """All attributes as plain values, for a record of what was simulated."""
         return asdict(self)
+
+
+def blur_of(scene: Scene, gel: Gel) -> float:
+    """Standard deviation of the elastomer's Gaussian under a sensor with this gel, mm."""
+    given = gel.blur_mm if scene.elastomer_mm is None else scene.elastomer_mm
+    return USUAL_BLUR_MM if given is None else given
 
 
 def as_scene(scene: object) -> Scene:
