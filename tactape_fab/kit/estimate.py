@@ -1,4 +1,4 @@
-"""What an order of some tapes costs, and how many parts it takes, by the figures of a fab's profile."""
+"""Cost of an order of some tapes, and the parts that it takes, by the figures of a fab's profile."""
 
 from __future__ import annotations
 

@@ -46,9 +46,9 @@ def test_what_is_no_top_or_at_the_border_stays() -> None:
     assert (sharp_tops(image, R, border)[0] == 0.0).all()
 
 
-def unmoved(_: SquareImage, __: object, high: Image, seen_px: FloatArray, *___: object) -> tuple[FloatArray, FloatArray]:
+def unmoved(_: SquareImage, __: object, high: Image, seen_px: FloatArray, *___: object) -> tuple[FloatArray, FloatArray, None]:
     """Shifts and heights of dots that are left where they were detected."""
-    return np.zeros_like(seen_px), np.ones(len(seen_px))
+    return np.zeros_like(seen_px), np.ones(len(seen_px)), None
 
 
 @pytest.mark.parametrize("theta_deg", [0.0, 90.0])
