@@ -139,6 +139,8 @@ def _less_sure(pose: Pose, unsure: FloatArray | None, drift_mm: float) -> Pose:
     unsure (3, 3): Of u mm and v mm, along the image's axes, and theta rad.
     drift_mm: It moves the texture under all dots alike: it is in the position, not in the turn.
     """
+    if unsure is None and drift_mm == 0.0:
+        return pose
     covariance = pose.covariance + np.diag([drift_mm**2, drift_mm**2, 0.0])
     if unsure is not None:
         turn, c, s = np.eye(3), cos(pose.theta_rad), sin(pose.theta_rad)
