@@ -9,6 +9,7 @@ import numpy as np
 
 from tactape_fab import Localization, Tape, TapeSpec, default_origin
 from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Frame
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.plane import encode
@@ -66,3 +67,16 @@ def is_near(fix: Localization, position_mm: tuple[float, float], theta_deg: floa
         return False
     turn = (fix.theta_deg - theta_deg + 180) % 360 - 180
     return bool(np.hypot(*(np.array(fix.position_mm) - position_mm)) < mm and abs(turn) < deg)
+
+
+def pose_error(fix: Localization, frame: Frame) -> FloatArray:
+    """Error of a located fix against a simulated frame's truth: x mm, y mm, theta rad."""
+    assert fix.position_mm is not None and fix.theta_deg is not None
+    turn = (fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0
+    return np.array([*(np.array(fix.position_mm) - frame.position_mm), np.radians(turn)])
+
+
+def nees(fix: Localization, frame: Frame) -> float:
+    """The squared error over its covariance, and over its three degrees of freedom: 1 on average where the covariance is true."""
+    assert fix.covariance is not None
+    return float(pose_error(fix, frame) @ np.linalg.solve(fix.covariance, pose_error(fix, frame)) / 3)

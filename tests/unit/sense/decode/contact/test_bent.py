@@ -14,7 +14,7 @@ from tactape_fab.sense import ElasticContact, Scene, iterate_frames, load_sensor
 from tactape_fab.sense.decode.contact.bent import Bend, bend_of
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.texture.frames import FloatArray
-from tests.contacts import TAPE, tape_of
+from tests.contacts import TAPE, nees, pose_error, tape_of
 from tests.thorough import slow
 
 PART_MM = TAPE.part.body_mm[2]
@@ -105,11 +105,8 @@ def squares_of(localizer: Localizer, off_mm: float, press: dict[str, Any]) -> li
         fix = localizer.locate(frame.depth)
         if not fix.located:
             continue
-        assert fix.position_mm is not None and fix.theta_deg is not None and fix.covariance is not None
-        turn = radians((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
-        error = np.array([*(np.asarray(fix.position_mm) - frame.position_mm), turn])
-        squares.append(float(error @ np.linalg.solve(fix.covariance, error) / 3))
-        assert abs(degrees(turn)) < 0.6
+        squares.append(nees(fix, frame))
+        assert abs(degrees(pose_error(fix, frame)[2])) < 0.6
     assert len(squares) >= 4
     return squares
 

@@ -20,7 +20,7 @@ from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
 from tactape_fab.sense.simulation.elastic_layer import response as response_of
 from tactape_fab.texture.frames import FloatArray
-from tests.contacts import TAPE, dots
+from tests.contacts import TAPE, dots, nees, pose_error
 from tests.thorough import costly, slow
 
 SENSOR = load_sensor("gelsight-mini")
@@ -302,11 +302,8 @@ def errors_of(sensor: SensorProfile, scene: Scene, count: int, seed: int, refine
     localizer, errors, squares = Localizer([TAPE], sensor, refine=refine), [], []
     for frame in iterate_frames(TAPE, count, seed, scene=scene):
         fix = localizer.locate(frame.depth)
-        assert fix.position_mm is not None and fix.theta_deg is not None and fix.covariance is not None
-        turn = np.radians((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
-        error = np.array([*(np.asarray(fix.position_mm) - frame.position_mm), turn])
-        errors.append(error)
-        squares.append(error @ np.linalg.solve(fix.covariance, error) / 3)
+        errors.append(pose_error(fix, frame))
+        squares.append(nees(fix, frame))
     return np.array(errors), np.array(squares)
 
 

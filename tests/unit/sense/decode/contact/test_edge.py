@@ -11,7 +11,7 @@ from tactape_fab import Localizer, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.contact.edge import off_edge
-from tests.contacts import TAPE
+from tests.contacts import TAPE, nees
 
 PLATE = examine(TapeSpec(sector=3, part="dome", size_mm=(60.0, 40.0), tag="none")).tape
 
@@ -29,12 +29,10 @@ def test_dots_of_a_plate_weigh_less_beside_its_edge() -> None:
 
 def test_poses_over_the_edge_of_a_plate_are_as_exact_as_said() -> None:
     """Where dots beside the edge weigh fully, poses are 6 um nearer to the middle of the plate, and the mean is 2.6."""
-    localizer, nees = Localizer([PLATE], refine="dots", world="closed"), []
+    localizer, squares = Localizer([PLATE], refine="dots", world="closed"), []
     scene = Scene(elastomer_mm=0.25, contact_mm=(12.0, 7.0))
     for frame in iterate_frames(PLATE, 32, 5, scene=scene, edge=True):
         fix = localizer.locate(frame.depth)
-        if fix.position_mm is not None and fix.covariance is not None and fix.theta_deg is not None:
-            turn = np.radians((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
-            off = np.array([*np.subtract(fix.position_mm, frame.position_mm), turn])
-            nees.append(off @ np.linalg.solve(fix.covariance, off) / 3.0)
-    assert len(nees) > 24 and np.mean(nees) < 1.9
+        if fix.located:
+            squares.append(nees(fix, frame))
+    assert len(squares) > 24 and np.mean(squares) < 1.9

@@ -12,7 +12,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import ElasticContact, Scene, iterate_frames
 from tactape_fab.sense.decode.grid.long_parts import DRAWN, drawn_px
 from tactape_fab.texture.frames import FloatArray
-from tests.contacts import TAPE
+from tests.contacts import TAPE, nees
 
 R, PART = 16.0, TAPE.part
 GEL_MM = 1.5 * np.stack(np.meshgrid(np.arange(-3.0, 4.0), np.arange(-2.0, 3.0)), axis=-1).reshape(-1, 2)
@@ -68,14 +68,12 @@ def test_what_heights_do_not_tell_of_larger_parts_is_in_the_covariance() -> None
 def test_poses_on_larger_parts_are_as_exact_as_said(noise: float) -> None:
     """0402 on a wide pitch: 4 standard deviations of the turn where what the heights leave open is not in the covariance."""
     tape = examine(TapeSpec(sector=3, part="r0402", pitch_mm=2.5, size_mm=(60.0, 40.0))).tape
-    localizer, nees = Localizer([tape], refine="dots"), []
+    localizer, squares = Localizer([tape], refine="dots"), []
     for frame in iterate_frames(tape, 12, 7, scene=Scene(noise=noise)):
         fix = localizer.locate(frame.depth)
-        if fix.position_mm is not None and fix.covariance is not None and fix.theta_deg is not None:
-            turn = np.radians((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
-            off = np.array([*np.subtract(fix.position_mm, frame.position_mm), turn])
-            nees.append(off @ np.linalg.solve(fix.covariance, off) / 3.0)
-    assert len(nees) > 8 and np.mean(nees) < 1.6
+        if fix.located:
+            squares.append(nees(fix, frame))
+    assert len(squares) > 8 and np.mean(squares) < 1.6
 
 
 def test_the_turn_of_a_light_press_is_as_exact_as_said() -> None:

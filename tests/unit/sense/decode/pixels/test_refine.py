@@ -19,7 +19,7 @@ from tactape_fab.sense.geometry import Gel, Geometry
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tests.bench.localization_rows import plane_gel
 from tests.bench.pixel_bound import slope_noise_mm
-from tests.contacts import TAPE
+from tests.contacts import TAPE, nees, pose_error
 
 SLOPE = 0.032
 SENSOR = replace(load_sensor("gelsight-mini"), slope_noise=SLOPE)
@@ -34,19 +34,8 @@ def frames(count: int, slope: float = SLOPE, tape: Tape = TAPE, sensor: SensorPr
         yield replace(frame, depth=(frame.depth + slope_noise_mm(rng, frame.depth.shape, slope, 16.0)).astype(np.float32))
 
 
-def error(fix: Localization, frame: Frame) -> FloatArray:
-    assert fix.position_mm is not None and fix.theta_deg is not None
-    turn = (fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0
-    return np.array([*(np.array(fix.position_mm) - frame.position_mm), np.radians(turn)])
-
-
-def nees(fix: Localization, frame: Frame) -> float:
-    assert fix.covariance is not None
-    return float(error(fix, frame) @ np.linalg.solve(fix.covariance, error(fix, frame)) / 3)
-
-
 def rms_um(fixes: list[Localization], seen: list[Frame]) -> float:
-    return float(np.sqrt(np.mean([error(fix, frame)[:2] ** 2 for fix, frame in zip(fixes, seen, strict=True)])) * 1000)
+    return float(np.sqrt(np.mean([pose_error(fix, frame)[:2] ** 2 for fix, frame in zip(fixes, seen, strict=True)])) * 1000)
 
 
 def body_axes(theta_deg: float, px_per_mm: float = 16.0) -> FloatArray:
@@ -151,7 +140,7 @@ def test_poses_are_exact_without_noise() -> None:
     seen = list(frames(12, slope=0.0))
     fixes = [Localizer(TAPE, SENSOR, refine="pixels").locate(frame.depth) for frame in seen]
     assert {fix.refined for fix in fixes} == {"pixels"}
-    assert np.abs(np.mean([error(fix, frame)[:2] for fix, frame in zip(fixes, seen, strict=True)], axis=0)).max() < 3e-4
+    assert np.abs(np.mean([pose_error(fix, frame)[:2] for fix, frame in zip(fixes, seen, strict=True)], axis=0)).max() < 3e-4
     assert rms_um(fixes, seen) < 0.6
 
 
