@@ -14,8 +14,9 @@ from tactape_fab.kit.profiles import FabProfile, ProcessProfile, load_fab, load_
 from tactape_fab.kit.spec.grid_options import DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_FAB
 from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.sense.geometry import USUAL_BLUR_MM
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.sense.simulation.scene import USUAL_BLUR_MM, Scene, blur_of
+from tactape_fab.sense.simulation.scene import Scene, blur_of
 
 KEYS = ("contact_mm", "sensor", "process", "fab", "blur_mm", "placement_mm", "tapes", "size_mm")
 MOST_CONTACT_MM, MOST_BLUR_MM, MOST_PLACEMENT_MM, MOST_TAPES = 100.0, 0.5, 0.2, 1000

@@ -43,6 +43,10 @@ class Geometry:
     sigma_k1: float = 0.03
 
 
+USUAL_BLUR_MM = 0.15
+"""Standard deviation of the Gaussian of a gel whose profile does not know it (`Gel.blur_mm`)."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gel:
     """Elastomer of a sensor; None where it is not known.

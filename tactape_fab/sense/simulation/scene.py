@@ -9,14 +9,12 @@ from typing import Any, Literal
 
 from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, unknown_key
-from tactape_fab.sense.geometry import Gel
+from tactape_fab.sense.geometry import USUAL_BLUR_MM, Gel
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 
 Contact = Literal["ellipse", "strip", "pad"]
 CONTACTS = ("ellipse", "strip", "pad")
 NoiseModel = Literal["sensor", "slope", "smooth"]
-USUAL_BLUR_MM = 0.15
-"""Standard deviation of the elastomer's Gaussian under a sensor whose profile does not know it."""
 NOISE_MODELS = ("sensor", "slope", "smooth")
 SMOOTH_NOISE = ("white_um", "correlated_um", "correlated_px")
 """Figures of the noise model "smooth"."""

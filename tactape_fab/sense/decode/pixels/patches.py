@@ -16,7 +16,7 @@ import numpy as np
 
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.pixels.patch_kernel import STEPS, differences, fit_patches, patch_buffers, smoothed_body
-from tactape_fab.sense.geometry import Camera
+from tactape_fab.sense.geometry import USUAL_BLUR_MM, Camera
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.part import TapePart
@@ -27,10 +27,9 @@ FINE_PX_PER_MM = 12.0
 HALF_MM = 0.55
 """Half the side of the patch around a dot: a part of 0.6 x 0.3 mm with its blur. A pixel less at 16 px/mm, 8 of them, makes
 places of 7x7 mm 3 % less exact and takes 3 % less of a frame's time."""
-USUAL_BLUR_MM = 0.15
 BLUR_STEP, MOST_BLUR_STEPS = 1.2, 6
 BLURS_MM = tuple(USUAL_BLUR_MM * BLUR_STEP**k for k in range(-MOST_BLUR_STEPS, MOST_BLUR_STEPS + 1))
-"""Standard deviations of the gel's blur that are told apart, mm, and the one that is tried first: at a blur that is wrong by 30 %
+"""Standard deviations of the gel's blur that are told apart, mm; the usual one is tried first. At a blur that is wrong by 30 %
 the error is 4 to 10 % larger."""
 BLUR_NEAR, BLUR_PATCHES, BLUR_STEPS = 0.25, 8, 6
 """The blur is kept if it is off by less than this (ln), as it is also fitted to each dot; dots that another blur is estimated

@@ -13,9 +13,9 @@ import pytest
 from tactape_fab import Localization, Localizer, Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense import Frame, Scene, SensorProfile, iterate_frames, load_sensor
-from tactape_fab.sense.decode.pixels.patches import BLURS_MM, USUAL_BLUR_MM, fitted, pixel_fit, settled_patches
+from tactape_fab.sense.decode.pixels.patches import BLURS_MM, fitted, pixel_fit, settled_patches
 from tactape_fab.sense.decode.result import Refined
-from tactape_fab.sense.geometry import Gel, Geometry
+from tactape_fab.sense.geometry import USUAL_BLUR_MM, Gel, Geometry
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tests.bench.localization_rows import plane_gel
 from tests.bench.pixel_bound import slope_noise_mm
