@@ -47,7 +47,8 @@ class Line:
     """A design, and its predicted performance.
 
     least_mm: Diameter of the smallest round contact of which 9 in 10 are located; None if none in the sensor's field is.
-    error_um, angle_deg: Median errors of contacts of the requested size, or of `least_mm` if that is larger.
+    error_um, angle_deg: Median errors of contacts of the requested size, or of `least_mm` if that is larger; None if none is
+        located.
     parts: Number of parts of one tape.
     once, each: Estimated assembly cost per order and per tape; None without assembly.
     height_um, noise_um: Height of a dot, and rms of the noise around it, after the decoder's smoothing.
@@ -56,8 +57,8 @@ class Line:
     design: Design
     code: Code
     least_mm: float | None
-    error_um: float
-    angle_deg: float
+    error_um: float | None
+    angle_deg: float | None
     parts: int
     once: float | None
     each: float | None
@@ -81,8 +82,8 @@ class Line:
             "coverlay": design.coverlay,
             "warnings": list(design.warnings),
             "least_contact_mm": self.least_mm,
-            "error_um": round(self.error_um, 1),
-            "angle_deg": round(self.angle_deg, 3),
+            "error_um": None if self.error_um is None else round(self.error_um, 1),
+            "angle_deg": None if self.angle_deg is None else round(self.angle_deg, 3),
             "parts": self.parts,
             "cost_once": self.once,
             "cost_each": self.each,
@@ -178,14 +179,14 @@ def _line(design: Design, question: Question) -> Line:
     seen = seen_of(design, question)
     codes = codes_for(design, question, seen)
     code, least_mm = _code_for(seen, question.contact_mm, question.field_mm, codes)
-    error_mm, angle_deg = accuracy(seen, max(question.contact_mm, least_mm or 0.0), LOSS)
+    errors = None if least_mm is None else accuracy(seen, max(question.contact_mm, least_mm))
     signal = signal_of(seen)
     return Line(
         design=design,
         code=code,
         least_mm=least_mm,
-        error_um=1000.0 * error_mm,
-        angle_deg=angle_deg,
+        error_um=None if errors is None else 1000.0 * errors[0],
+        angle_deg=None if errors is None else errors[1],
         parts=seen.points,
         once=None,
         each=None,

@@ -256,24 +256,38 @@ def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss, plane: 
     return float(((p_tape + p_place < MAX_P_FALSE) & (dots >= LEAST_DOTS)).mean())
 
 
-def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Evidence of each pose's dots in nats: total (p,), by axis (p, 2), number of dots (p,), and by shape for the turn (p,)."""
-    symbols, phases, directions, errors, _ = _drawn(seen.directions)
+def _dots(seen: Seen, contact_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Parts that may be in each pose's contact: places from its middle (p, k, 2), pitches, weights (p, k), and squared errors.
+
+    Errors (p, k), along one axis, in pitches squared: those of tops increase towards the rim, those of places do not.
+    """
+    _, phases, directions, _, _ = _drawn(seen.directions)
     pitch, shift, signal = seen.pitch_mm, seen.displacement_mm / seen.pitch_mm, signal_of(seen)
     # nodes whose part can be in the contact, nearer by its displacement and half a cell's diagonal (0.71), in pitches
     reach = (contact_mm + ROLL_OFF_MM) / 2.0 / pitch + shift + 0.8
     count = int(np.count_nonzero(np.hypot(*_nodes().T) < reach))
-    # places relative to the contact's middle, which is anywhere in its cell; in pitches
+    # the contact's middle is anywhere in its cell
     at = _nodes()[:count] + shift * directions[:, :count] - phases
     inside = contact_mm / 2.0 - pitch * np.hypot(at[..., 0], at[..., 1])
     t = np.clip(0.5 + inside / ROLL_OFF_MM, 0.0, 1.0)
     weight = t * t * (3.0 - 2.0 * t)  # the rim of a simulated contact
+    return at, weight, squared_errors(weight, signal.error_mm / pitch) + (_placed_mm(seen, signal) / pitch) ** 2
+
+
+def _placed_mm(seen: Seen, signal: Signal) -> float:
+    """Standard deviation of a dot along one axis that does not depend on its height."""
+    return hypot(seen.placement_mm, signal.pull_mm)
+
+
+def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Evidence of each pose's dots in nats: total (p,), by axis (p, 2), number of dots (p,), and by shape for the turn (p,)."""
+    symbols, _, _, errors, _ = _drawn(seen.directions)
+    pitch, shift, signal = seen.pitch_mm, seen.displacement_mm / seen.pitch_mm, signal_of(seen)
+    _, weight, squares = _dots(seen, contact_mm)
+    true, count = np.sqrt(squares), weight.shape[1]
     tops_um = loss.noise * hypot(signal.noise_um, loss.clutter_um)
     noise = max(tops_um / max(signal.height_um, 1e-9), LEAST_NOISE)
-    # errors of tops increase towards the rim, those of places do not
-    top, placed = signal.error_mm / pitch, hypot(seen.placement_mm, signal.pull_mm) / pitch
-    true = np.sqrt(squared_errors(weight, top) + placed**2)
-    sigma = min(max(hypot(top, placed), LEAST_SIGMA), MOST_SIGMA)
+    sigma = min(max(hypot(signal.error_mm, _placed_mm(seen, signal)) / pitch, LEAST_SIGMA), MOST_SIGMA)
     # errors along the symbol's own direction, and across it
     e, f = true * errors[:, :count, 0], true * errors[:, :count, 1]
     q = posteriors(_squared_distances(e, f, shift, seen.directions), squared_errors(weight, sigma), trusted(weight, noise))
@@ -364,10 +378,22 @@ def least_contact_mm(
     return ceil(high * larger - 1e-9) / 10.0
 
 
-def accuracy(seen: Seen, contact_mm: float, loss: Loss) -> tuple[float, float]:
-    """Median error of the position of the contact's middle (mm), and of the angle (deg), for a contact of a diameter."""
-    signal = signal_of(seen)
-    dots = float(np.mean(_information(seen, contact_mm, loss)[2]))
-    one_mm, reach_mm = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm), contact_mm / (2.0 * sqrt(2.0))
+def accuracy(seen: Seen, contact_mm: float) -> tuple[float, float]:
+    """Median error of the position of the contact's middle (mm), and of the angle (deg), for a contact of a diameter.
+
+    By least squares for x, y, the angle and the camera's shear, which has the profile's prior; dots weigh by their errors.
+    """
+    at, weight, squares = _dots(seen, contact_mm)
+    each = np.where(weight >= LEAST_HEIGHT, 1.0 / squares, 0.0)
+    all_dots = each.sum(axis=1)
+    middle = (each[..., None] * at).sum(axis=1) / all_dots[:, None]
+    # sum of r^2 / sigma^2 from the dots' centroid; half of it is along each axis
+    around = (each * ((at - middle[:, None]) ** 2).sum(axis=-1)).sum(axis=1)
+    # shear moves dots along u in proportion to v, as half of a turn does: a shear that is not known leaves the angle half of the
+    # information. Of the 2 x 2 normal matrix [[around, around / 2], [around / 2, around / 2 + 1 / sigma_shear^2]]
+    sheared = 0.5 * around * seen.sensor.geometry.sigma_shear**2
+    turn = 1.0 / (around * (1.0 - 0.5 * sheared / (sheared + 1.0)))
+    place = 1.0 / all_dots + 0.5 * (middle**2).sum(axis=1) * turn
     # medians of the length of two equal normal components, and of the absolute value of one
-    return 1.1774 * one_mm / sqrt(dots), float(np.degrees(0.6745 * one_mm / (reach_mm * sqrt(dots))))
+    place_mm = 1.1774 * seen.pitch_mm * float(np.sqrt(np.median(place)))
+    return place_mm, float(np.degrees(0.6745 * np.sqrt(np.median(turn))))

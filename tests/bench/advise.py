@@ -117,7 +117,7 @@ def line_of(design: Design, question: Question) -> Line:
     seen, field_mm = seen_of(design, question, points), _field_mm(question.sensor)
     code = CODES[0] if design.directions == 4 else CODES[-1]
     promised_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
-    error_mm, angle_deg = accuracy(seen, promised_mm or field_mm, LOSS)
+    error_mm, angle_deg = accuracy(seen, promised_mm or field_mm)
     signal = signal_of(seen)
     return Line(
         design=design,
@@ -162,7 +162,8 @@ def _described(design: Design, question: Question) -> dict[str, Any]:
 
 
 def _promise(line: Line) -> dict[str, Any]:
-    return {"contact_mm": line.least_mm, "error_um": round(line.error_um, 1), "angle_deg": round(line.angle_deg, 3)}
+    mapping = line.to_mapping()
+    return {"contact_mm": mapping["least_contact_mm"], "error_um": mapping["error_um"], "angle_deg": mapping["angle_deg"]}
 
 
 def _said(sim: Simulated | None) -> dict[str, Any] | None:
@@ -238,8 +239,8 @@ def _misfit(found: list[tuple[Seen, float]], loss: Loss) -> float:
 
 def promise_table(rows: list[dict[str, Any]]) -> str:
     out = [
-        "| part | W, Δ | blur, placement | tapes | sensor | promised | located there | error, promised |",
-        "|---|---|---|---|---|---|---|---|",
+        "| part | W, Δ | blur, placement | tapes | sensor | promised | located there | error, promised | angle, promised |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         sim, promise = row["simulated"], row["promise"]
@@ -248,9 +249,10 @@ def promise_table(rows: list[dict[str, Any]]) -> str:
         where = "nothing" if promise["contact_mm"] is None else f"{promise['contact_mm']:g} mm"
         said = "-" if sim is None else f"{100 * sim['located'] / sim['frames']:.0f} %"
         error = "-" if sim is None else f"{sim['error_um']:.0f} µm, {promise['error_um']:.0f} µm"
+        angle = "-" if sim is None else f"{sim['angle_deg']:.2f}°, {promise['angle_deg']:.2f}°"
         out.append(
             f"| `{row['part']}`{body} | {row['pitch_mm']:g}, {row['displacement_mm']:g} | {row['blur_mm']:g}, "
-            f"{row['placement_mm']:g} | {row['tapes']} | `{row['sensor']}` | {where} | {said} | {error} |"
+            f"{row['placement_mm']:g} | {row['tapes']} | `{row['sensor']}` | {where} | {said} | {error} | {angle} |"
         )
     return "\n".join(out) + "\n"
 
