@@ -12,7 +12,7 @@ import numpy as np
 
 from tactape_fab.sense.decode.contact.edge import off_edge
 from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
-from tactape_fab.sense.decode.contact.tilted import tilted_pose
+from tactape_fab.sense.decode.contact.tilted import USUAL_PART_MM, tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
@@ -64,7 +64,7 @@ def accept_place(
     dots: Places in px of square pixels.
     reading: From `rank.read`.
     pixels: The frame, where its pixels are to refine the pose of an answer that is accepted.
-    pressed (ContactView, Image, Image): The canonical frame, and as dots were detected in it, where its depths are millimetres.
+    pressed (ContactView, Image, Image): How its depths are millimetres, the canonical frame, and as dots were detected in it.
     sharper: Function of the dots' detected positions (px of the frame), their offsets from the image centre (square pixels) and
         their nominal positions (mm), each (n, 2): `SquareImage.shifts`. Only the pose is fitted to corrected dots: search,
         acceptance and the contact dot use the uncorrected ones.
@@ -103,16 +103,16 @@ def accept_place(
     if reason is not None:
         return Localization(located=False, reason=reason, **fields), other
     drawn = False
-    if pressed is not None and seen_px is not None:
-        gel, image, small = pressed
-        fields["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
+    gel = None if pressed is None else pressed[0].in_mm(heights, USUAL_PART_MM if view.part is None else view.part.body_mm[2])
+    if pressed is not None and gel is not None and seen_px is not None:
+        contact = contact_surface(gel, *pressed[1:], seen_px, pose.agree, on.weights, view.pitch_mm)
+        fields["contact"] = None if gel.rough else contact
         lie = contact.lie()
         if lie is not None:
             if lie.bend is not None and lie.bend.on_flank:
                 return Localization(located=False, reason=_ON_FLANK, **fields), other
             places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, built_mm)
-            border_mm = gel.from_border_mm(seen_px)
-            pose, offset_px, drawn = tilted_pose(pose, lie, *places, on.weights, heights, border_mm, view)
+            pose, offset_px, drawn = tilted_pose(pose, lie, *places, on.weights, heights, gel.from_border_mm(seen_px), view)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()

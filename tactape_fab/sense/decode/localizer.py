@@ -418,8 +418,9 @@ class Localizer:
             found = empty(reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
             pressed = None
-            if in_mm and image is not None and raw.small is not None and self._contact_view is not None:
-                pressed = self._contact_view, image, raw.small
+            if image is not None and raw.small is not None:
+                gel = self._contact_view if in_mm else replace(self._contact_view, rough=True)
+                pressed = gel, image, raw.small
             sharper = None if raw.high is None else partial(self._square.shifts, self._view.part, raw.high)
             found, explained = accept_place(dots, reading, self._view, self._world, self._limits, pixels, pressed, sharper)
         if found.located or explained or n < SOLID_DOTS:

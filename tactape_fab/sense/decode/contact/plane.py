@@ -28,6 +28,9 @@ FLAT_CHI2 = 11.3
 FILM = 0.002
 """Curvature, 1/mm, below which there is none: contacts of the elastic simulator show 0.0003 beside the crown's, those of the
 imprint model, which are domes, 0.005 and more."""
+CROWN_ERROR = 0.004
+"""Curvature, 1/mm, by which a gel's crown may differ from its profile's: radii of 113 mm may be 78 to 206. Tops that are bent by
+less may be those of a flat tape. A tape round a cylinder of 250 mm is foreshortened by 1e-4 at most."""
 ROUNDS, FAR = 3, 2.5
 """Rounds of the robust fit, and the errors at which its weight has fallen to a quarter (Geman and McClure)."""
 LEAST_ERROR_MM = 0.0015
@@ -120,7 +123,8 @@ def _bend(shown: FloatArray, variance: FloatArray, crown: FloatArray, middle_mm:
     surface = shown[1:] / GAIN + np.concatenate([(0.0, 0.0), crown])
     of_surface = variance[1:, 1:] / GAIN**2
     least = FILM + 2.0 * float(np.sqrt(of_surface.diagonal()[2:].max()))
-    return bend_of(surface, of_surface, GAIN_SIGMA / GAIN, middle_mm, least)
+    found = bend_of(surface, of_surface, GAIN_SIGMA / GAIN, middle_mm, least)
+    return None if found is not None and abs(found.curvature) <= CROWN_ERROR else found
 
 
 def _surface(

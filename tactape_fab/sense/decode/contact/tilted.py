@@ -85,7 +85,7 @@ def tilted_pose(
     heights (n,): Of the tops, in any unit.
     border_mm (n,): How far dots are from the image's border.
     """
-    slope, bend, film = lie
+    slope, unsure, bend, film = lie
     square = float(slope @ slope)
     # a ramp from 0.75 to 1 degree, so that a pose does not jump where the slope passes a limit
     share = min(max((sqrt(square) - LEAST_SLOPE) / (WHOLLY - LEAST_SLOPE), 0.0), 1.0)
@@ -117,6 +117,8 @@ def tilted_pose(
     if bend is not None:
         left += [_flat(places, slope, other, view) for other in bend.unsure()]
         left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM))
+    else:
+        left.append(_upright(places, (1.0 + unsure) * slope))
     changes = np.zeros((len(left) + 1, 3))
     changes[-1] = slight
     for by, change in zip(left, changes[:-1], strict=True):

@@ -134,13 +134,13 @@ def test_a_large_background_hides_no_texture(
 
 
 @pytest.mark.parametrize("factor", [1e10, 1e-12])
-def test_depths_that_have_to_be_scaled_do_not_move_the_pose_by_a_tilt(factor: float) -> None:
+def test_depths_that_have_to_be_scaled_have_the_unit_of_their_dots(factor: float) -> None:
     """The slope of such a frame is not one in mm per mm."""
     depth = simulate(TAPE, *POSE, seed=4, elastic=ElasticContact(force_n=2.0, tilt_deg=(1.0, 2.0))).astype(np.float64)
-    plain = Localizer([TAPE])
-    found = plain.locate(depth * factor)
-    plain._contact_view = None
-    assert found.located and found.position_mm == plain.locate(depth * factor).position_mm
+    localizer = Localizer([TAPE])
+    usual, found = localizer.locate(depth), localizer.locate(depth * factor)
+    assert usual.position_mm is not None and usual.theta_deg is not None and found.tilt_deg is None
+    assert is_near(found, usual.position_mm, usual.theta_deg, mm=0.001, deg=0.01)
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -np.inf, 1e38, -3.0])

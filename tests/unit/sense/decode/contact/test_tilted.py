@@ -1,4 +1,4 @@
-"""The weights of the two laws of a tilted contact, and how far tops of other parts than 0201 are drawn."""
+"""Tilted contacts: the weights of two laws, how far tops of other parts are drawn, and sensors without millimetres or a crown."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from tactape_fab import Localizer, TapeSpec, examine
-from tactape_fab.sense import ElasticContact, Scene, iterate_frames
+from tactape_fab.sense import ElasticContact, Scene, iterate_frames, load_sensor
+from tactape_fab.sense.decode.contact.surface import TOP_SHARE, ContactView, contact_view
 from tactape_fab.sense.decode.contact.tilted import AS_DRAWN, _share_not_drawn
-from tests.contacts import TAPE
+from tests.contacts import TAPE, nees, pose_error
 
 
 @pytest.mark.parametrize(
@@ -63,3 +64,40 @@ def test_a_tilt_of_a_degree_is_in_position_and_covariance(tilt_deg: float) -> No
             off = np.subtract(fix.position_mm, frame.position_mm)
             nees.append(off @ np.linalg.solve(fix.covariance[:2, :2], off) / 2)
     assert np.mean(nees) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("sensor", "crown_mm"),
+    # squared errors were 15 and 19 times the covariance where such a tilt was not looked for, or was taken for a cylinder's
+    [("digit", (189.0, 113.0)), ("gelsight-mini", (250.0, 160.0))],
+)
+def test_a_tilt_is_taken_off_where_the_profile_has_no_unit_or_another_crown(sensor: str, crown_mm: tuple[float, float]) -> None:
+    profile = load_sensor(sensor)
+    localizer, errors, squares = Localizer(TAPE, profile, world="closed", refine="dots"), [], []
+    for along in ((1.0, 1.0), (-1.0, 0.7)):
+        contact = ElasticContact(force_n=4.0, tilt_deg=(4.2 * along[0], 4.2 * along[1]), crown_mm=crown_mm)
+        for frame in iterate_frames(TAPE, 4, 11, profile, scene=Scene(elastic=contact)):
+            fix = localizer.locate(frame.depth)
+            assert (fix.tilt_deg is None) == (sensor == "digit")
+            errors.append(pose_error(fix, frame))
+            squares.append(nees(fix, frame))
+    assert np.sqrt(np.mean(np.square(errors)[:, :2])) < 0.016 and np.mean(squares) < 2.5
+
+
+def test_whole_dots_give_the_unit_of_a_frame() -> None:
+    view = contact_view(load_sensor("digit"))
+    found = view.in_mm(np.array([1.0, 4.0, 8.0, 8.0, 8.0]), 0.23)  # lower ones are at the rim
+    assert found is not None and found.unit_mm == pytest.approx(TOP_SHARE * 0.23 / 8.0)
+    assert view.in_mm(np.array([0.0, 0.0, nan]), 0.23) is None
+    known = contact_view(load_sensor("gelsight-mini"))
+    assert known.in_mm(np.ones(9), 0.23) is known
+
+
+def test_a_dome_beside_the_centre_is_no_tilt_where_the_unit_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    digit = load_sensor("digit")
+    localizer = Localizer(TAPE, digit, world="closed")
+    frames = list(iterate_frames(TAPE, 4, 3, digit, scene=Scene(contact_offset_mm=(1.5, -1.0))))
+    fixes = [localizer.locate(frame.depth) for frame in frames]
+    monkeypatch.setattr(ContactView, "in_mm", lambda *_: None)
+    assert [fix.position_mm for fix in fixes] == [localizer.locate(frame.depth).position_mm for frame in frames]
+    assert all(fix.located for fix in fixes)
