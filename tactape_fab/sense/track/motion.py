@@ -182,28 +182,24 @@ def difference(new: FloatArray, old: FloatArray) -> FloatArray:
     return out
 
 
-def velocity_of(line: Sequence[Pose], motion: Motion) -> FloatArray:
-    """Velocity (mm/s, mm/s, rad/s) fitted to the last fixes, limited to the motion's speed; zero for a single fix."""
+def velocity_of(line: Sequence[Pose]) -> FloatArray | None:
+    """Velocity (mm/s, mm/s, rad/s) fitted to the last fixes; None where fewer than two are recent, or all are of one time."""
     recent = [pose for pose in line if line[-1].timestamp - pose.timestamp <= LINE_S]
     if len(recent) < 2:
-        return np.zeros(3)
+        return None
     time = np.array([pose.timestamp for pose in recent])
     # from the last fix, so that a turn past 180 degrees does not break the line
     at = np.array([difference(pose.at, line[-1].at) for pose in recent])
     time -= time.mean()
     spread = float(time @ time)
     if spread < _LEAST_SPREAD_S2:
-        return np.zeros(3)
+        return None
     # least squares: sum (t - mean) (x - mean) / sum (t - mean)^2
     slope: FloatArray = time @ (at - at.mean(axis=0)) / spread
-    speed = hypot(float(slope[0]), float(slope[1]))
-    # two fixes a moment apart give any speed: their errors over a short time
-    slope[:2] *= min(1.0, motion.speed_mm_s / speed) if speed > 0.0 else 1.0
-    slope[2] = np.clip(slope[2], -radians(motion.turn_deg_s), radians(motion.turn_deg_s))
     return slope
 
 
-def predicted(line: Sequence[Pose], velocity: FloatArray, timestamp: float, motion: Motion) -> Prior | None:
+def predicted(line: Sequence[Pose], velocity: FloatArray | None, timestamp: float, motion: Motion) -> Prior | None:
     """Predicted region of the contact at some time; None if the last fix is too old."""
     if not line:
         return None
@@ -212,7 +208,12 @@ def predicted(line: Sequence[Pose], velocity: FloatArray, timestamp: float, moti
     radius_mm = motion.radius_mm + motion.speed_mm_s * gap
     if radius_mm > motion.reach_mm:
         return None
-    x, y, theta = (last.at + velocity * gap).tolist()
+    rate = np.zeros(3) if velocity is None else velocity.copy()
+    speed = hypot(float(rate[0]), float(rate[1]))
+    # two fixes a moment apart give any speed: their errors over a short time
+    rate[:2] *= min(1.0, motion.speed_mm_s / speed) if speed > 0.0 else 1.0
+    rate[2] = np.clip(rate[2], -radians(motion.turn_deg_s), radians(motion.turn_deg_s))
+    x, y, theta = (last.at + rate * gap).tolist()
     return Prior(
         position_mm=(x, y),
         theta_deg=(float(np.degrees(theta)) + 180.0) % 360.0 - 180.0,

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from math import degrees
 from numbers import Real
 
-import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse
@@ -61,7 +60,8 @@ class Track:
     slip : Slip or None
         None if the frame is not located.
     velocity_mm_s : (float, float) or None
-        Velocity of ``position_mm``; None if the frame is not located, or for the first fix.
+        Velocity of ``position_mm``, from the fixes of the last half second, four at most; None if the frame is not located, or
+        no other fix of the contact is so recent.
     turn_deg_s : float or None
     """
 
@@ -88,12 +88,12 @@ class _State:
     still: int = 0
     slipping: bool = False
     line: tuple[Pose, ...] = ()
-    velocity: FloatArray
+    velocity: FloatArray | None = None
     anchor: tuple[Pose, ...] = ()
     began: Pose | None = None
 
 
-_NOTHING = _State(velocity=np.zeros(3))
+_NOTHING = _State()
 
 
 class Tracker:
@@ -217,8 +217,7 @@ def followed(
         state, slip, slipped = _moved(state, pose, motion, sensor)
         if slipped:
             events = (*events, "slip")
-    # one fix has no velocity
-    known = pose is not None and len(state.line) > 1
+    velocity = None if pose is None else state.velocity
     return state, Track(
         timestamp=timestamp,
         fix=fix,
@@ -227,8 +226,8 @@ def followed(
         lost=state.lost,
         events=tuple(Event(kind=kind, timestamp=before.touched if kind == "end" else timestamp) for kind in events),
         slip=slip,
-        velocity_mm_s=(float(state.velocity[0]), float(state.velocity[1])) if known else None,
-        turn_deg_s=degrees(state.velocity[2]) if known else None,
+        velocity_mm_s=None if velocity is None else (float(velocity[0]), float(velocity[1])),
+        turn_deg_s=None if velocity is None else degrees(velocity[2]),
     )
 
 
@@ -251,7 +250,7 @@ def _contact(
         return replace(state, silent=state.silent + 1, lost=True), ("lost",) if state.began is not None and not state.lost else ()
     # a new contact inherits nothing from the last one: neither its velocity nor a slide at its end
     ended = replace(state, contact=False, lost=False, silent=0, still=0, slipping=False)
-    return replace(ended, velocity=np.zeros(3), anchor=(), began=None), ("end",)
+    return replace(ended, velocity=None, anchor=(), began=None), ("end",)
 
 
 def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
@@ -279,5 +278,5 @@ def _moved(state: _State, pose: Pose, motion: Motion, sensor: SensorProfile) -> 
         anchor, still = (anchor if not state.anchor else (*anchor, pose)[:ANCHOR_FIXES]), state.still + 1
     # a slide over many frames is one event, until the contact rests
     slipping = slip.detected or (state.slipping and still < STILL_FIXES)
-    after = replace(state, line=line, velocity=velocity_of(line, motion), began=began, anchor=anchor)
+    after = replace(state, line=line, velocity=velocity_of(line), began=began, anchor=anchor)
     return replace(after, still=still, slipping=slipping), slip, slip.detected and not state.slipping

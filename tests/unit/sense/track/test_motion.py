@@ -49,8 +49,8 @@ def test_a_fix_without_a_place_has_no_pose(localizer: Localizer) -> None:
 
 def test_turns_are_followed_across_half_a_turn() -> None:
     line = [pose(0.1 * k, 0.0, 0.0, angle) for k, angle in enumerate((170.0, 176.0, -178.0, -172.0))]
-    velocity = velocity_of(line, Motion())
-    assert np.degrees(velocity[2]) == pytest.approx(60.0)
+    velocity = velocity_of(line)
+    assert velocity is not None and np.degrees(velocity[2]) == pytest.approx(60.0)
     prior = predicted(line, velocity, 0.4, Motion(reach_mm=50.0))
     assert prior is not None and prior.theta_deg == pytest.approx(-166.0)
     assert within(pose(0.4, 0.0, 0.0, -166.0), prior)
@@ -58,16 +58,19 @@ def test_turns_are_followed_across_half_a_turn() -> None:
     assert mean_pose([pose(0, 0, 0, 179.0), pose(1, 0, 0, -179.0)]).at[2] == pytest.approx(np.pi)
 
 
-def test_no_velocity_is_faster_than_the_motion() -> None:
-    line = [pose(0.0, 0.0, 0.0, 0.0), pose(0.01, 3.0, 4.0, 90.0)]
-    assert velocity_of(line, Motion(speed_mm_s=50.0, turn_deg_s=100.0)).tolist() == pytest.approx([30.0, 40.0, radians(100.0)])
-    assert velocity_of(line, Motion(turn_deg_s=1e5)).tolist() == pytest.approx([30.0, 40.0, radians(9000.0)])
-    assert velocity_of([pose(0.0, 0.0, 0.0, 0.0), pose(5.0, 3.0, 4.0, 90.0)], Motion()).tolist() == [0.0, 0.0, 0.0]
+def test_no_prediction_moves_faster_than_the_motion_and_a_velocity_is_what_the_fixes_say() -> None:
+    for back in (1.0, -1.0):
+        line = [pose(0.0, 0.0, 0.0, 0.0), pose(0.01, 3.0, 4.0, 90.0 * back)]
+        velocity = velocity_of(line)
+        assert velocity is not None and velocity.tolist() == pytest.approx([300.0, 400.0, radians(9000.0 * back)])
+        prior = predicted(line, velocity, 0.11, Motion(speed_mm_s=50.0, turn_deg_s=100.0))
+        assert prior is not None and prior.position_mm == pytest.approx((6.0, 8.0))
+        assert prior.theta_deg == pytest.approx(100.0 * back)
 
 
-def test_fixes_of_one_time_say_nothing_of_a_velocity() -> None:
-    for gap_s in (1e-200, 1e-160, 1e-12):
-        assert velocity_of([pose(0.0, 0, 0, 0), pose(gap_s, 3.0, 4.0, 90.0)], Motion()).tolist() == [0.0, 0.0, 0.0]
+def test_fixes_that_are_old_or_of_one_time_say_nothing_of_a_velocity() -> None:
+    for gap_s in (1e-200, 1e-160, 1e-12, 0.6, 40.0):
+        assert velocity_of([pose(0.0, 0, 0, 0), pose(gap_s, 3.0, 4.0, 90.0)]) is None
 
 
 def test_slip_is_measured_in_the_errors_of_both_poses() -> None:
@@ -140,11 +143,10 @@ def test_a_velocity_is_the_line_through_the_fixes_of_the_last_half_second() -> N
     for shift_s in (0.0, 7.0):
         line = [pose(shift_s + t, x, -2 * x, 0.0) for t, x in zip(times_s, x_mm, strict=True)]
         slope = float(np.polyfit(times_s, x_mm, 1)[0])
-        assert velocity_of(line, Motion()).tolist() == pytest.approx([slope, -2 * slope, 0.0])
-        old = [pose(shift_s - 0.001, 100.0, 100.0, 0.0), *line]
-        assert velocity_of(old, Motion()).tolist() == velocity_of(line, Motion()).tolist()
-    assert velocity_of([pose(0.0, 0.0, 0.0, 90.0), pose(0.01, 0.0, 0.0, 0.0)], Motion(turn_deg_s=100.0))[2] == -radians(100.0)
-    assert predicted([], np.zeros(3), 0.0, Motion()) is None
+        for known in (line, [pose(shift_s - 0.001, 100.0, 100.0, 0.0), *line]):
+            velocity = velocity_of(known)
+            assert velocity is not None and velocity.tolist() == pytest.approx([slope, -2 * slope, 0.0])
+    assert predicted([], None, 0.0, Motion()) is None
 
 
 def test_a_prediction_grows_with_the_gap_up_to_its_reach() -> None:

@@ -94,6 +94,14 @@ def test_a_tape_of_the_same_name_is_another_tape() -> None:
     assert tracks[2].fix.sector == 30 and kinds(tracks) == [(0, "begin"), (2, "jump")]
 
 
+def test_a_velocity_is_that_of_recent_fixes_however_fast_or_not_said(localizer: Localizer) -> None:
+    fast = follow(Tracker(localizer), [at(30 + 3 * k, 20) for k in range(3)])  # faster than Motion expects
+    assert fast[2].velocity_mm_s == pytest.approx((3 / STEP_S, 0.0), abs=1.0)
+    tracker = Tracker(localizer)
+    slow = [tracker.update_dots(at(30 + k, 20), timestamp=float(k)) for k in range(3)]
+    assert all(track.fix.located and track.velocity_mm_s is None and track.turn_deg_s is None for track in slow)
+
+
 def test_what_was_known_lapses(localizer: Localizer) -> None:
     motion = Motion(radius_mm=1.0, speed_mm_s=10.0, reach_mm=4.05)
     tracker = Tracker(localizer, motion)
