@@ -130,7 +130,8 @@ class _Served:
         self.error: Exception | None = None
         self._queue: SimpleQueue[Frame] = SimpleQueue()
         self._stamps: dict[int, int] = {}
-        self._number = self._late = self._dropped = self._answered = 0
+        self._number = self._late = self._dropped = 0
+        self._told = (0, 0, 0, 0)
         self._poses = node.create_publisher(ros.pose, "~/pose", 10)
         self._answers = node.create_publisher(ros.text, "~/fix", 10)
         self._health = node.create_publisher(ros.diagnostics, "/diagnostics", 10)
@@ -214,11 +215,19 @@ class _Served:
 
     def _diagnose(self) -> None:
         now_ns, tally = self._node.get_clock().now().nanoseconds, self._tally
-        fresh, self._answered = tally.answered - self._answered, tally.answered
-        level, message = (_OK, f"{fresh} answers in the last second") if fresh else (_STALE, "no depth image in the last second")
-        unusable = tally.unusable + tally.troubles.get(_UNUSABLE, 0)  # other troubles are those, or holes in images that are used
-        if unusable:
-            level, message = _WARN, f"{message}; some images cannot be used"
+        # other troubles are those, or holes in images that are used
+        unusable = tally.unusable + tally.troubles.get(_UNUSABLE, 0)
+        now = (tally.answered, self._number, unusable, self._late)
+        answered, came, useless, late = (count - before for count, before in zip(now, self._told, strict=True))
+        self._told = now
+        level, message = _STALE, "no depth image in the last second"
+        if answered:
+            level, message = _OK, f"{answered} answers in the last second"
+        elif came:
+            level, message = _WARN, f"no answer in the last second; depth images: {came}"
+        for count, what in ((useless, "unusable"), (late, "late, by max_age_s")):
+            if count:
+                level, message = _WARN, f"{message}; {what}: {count}"
         values = {
             "answered": tally.answered,
             "located": tally.located,

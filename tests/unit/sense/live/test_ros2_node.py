@@ -313,8 +313,10 @@ def test_images_that_come_too_fast_or_too_late_are_dropped_and_counted(default_k
     assert len(poses) == len(answered) < 150 and node.of("tf") == []
     for answer, pose in zip(answered, poses, strict=True):  # each pose has the stamp of its own image
         assert stamp_of(pose.header) == STAMP + json.loads(answer.data)["frame"]
-    values = {entry.key: entry.value for entry in node.of("/diagnostics")[0].status[0].values}
+    (health,) = node.of("/diagnostics")[0].status
+    values = {entry.key: entry.value for entry in health.values}
     assert int(values["dropped"]) == 200 - len(answered) and values["late"] == "1"
+    assert health.level == 1 and health.message.endswith("in the last second; late, by max_age_s: 1")
 
 
 def test_images_that_cannot_be_used_are_said(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -331,14 +333,16 @@ def test_images_that_cannot_be_used_are_said(default_kit: Kit, monkeypatch: pyte
         end = time.monotonic() + PATIENCE_S
         while len(node.warnings) < 3 and time.monotonic() < end:
             time.sleep(0.01)
+        node.health(1)
         node.timers[0]()
         raise KeyboardInterrupt
 
     start = time.monotonic()
     _, node = run(monkeypatch, spin, kits=[str(default_kit.path)])
     assert "encoding is 'rgb8'" in node.warnings[0] and "(24, 320)" in node.warnings[1] and "holes" in node.warnings[2]
-    (health,) = node.of("/diagnostics")
-    assert health.status[0].level == 1 and {"unusable": "2"}.items() <= {v.key: v.value for v in health.status[0].values}.items()
+    health, later = node.of("/diagnostics")[-2:]
+    assert later.status[0].message == "no depth image in the last second"
+    assert {"unusable": "2"}.items() <= {v.key: v.value for v in health.status[0].values}.items()
 
 
 def test_images_that_never_get_an_answer_leave_no_stamps_behind(default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -365,10 +369,14 @@ def test_images_that_come_while_the_locator_compiles_are_not_kept(default_kit: K
         served = node.callback.__self__
         assert (served._queue.qsize(), served._queue.get().number) == (1, 49)
         node.timers[0]()
+        node.timers[0]()
         raise KeyboardInterrupt
 
     _, node = run(monkeypatch, spin, kits=[str(default_kit.path)])
-    assert {"dropped": "49"}.items() <= {v.key: v.value for v in node.of("/diagnostics")[0].status[0].values}.items()
+    (first,), (second,) = (sent.status for sent in node.of("/diagnostics"))
+    assert {"dropped": "49"}.items() <= {v.key: v.value for v in first.values}.items()
+    assert (first.level, first.message) == (1, "no answer in the last second; depth images: 50")
+    assert (second.level, second.message) == (3, "no depth image in the last second")
 
 
 def test_parameters_that_cannot_be_used_are_said_together(monkeypatch: pytest.MonkeyPatch) -> None:
