@@ -31,22 +31,25 @@ def replay(stop: Event, file: FrameFile, rate_hz: float | None = None, *, keep: 
 
     A frame's timestamp is the file's. Where the file has none and a finite rate is given, frame k was taken at k / rate_hz.
 
-    rate_hz: By default the file's own timestamps say when, and USUAL_HZ where it has none. Infinite: as fast as they are located,
-        none dropped.
+    rate_hz: By default the file's own timestamps say when, and USUAL_HZ where it has none; a frame
+        whose timestamp is not after all before it is not dropped. Infinite: as fast as they are located, none dropped.
     keep: Drop none, however long that takes.
     """
     keep = keep or rate_hz == float("inf")
     start, first = perf_counter(), None
     by_file = rate_hz is None and file.timestamp is not None
     hz = rate_hz or USUAL_HZ
-    k, warned = -1, False
+    k, warned, latest = -1, False, float("-inf")
     try:
         for k, image in enumerate(file.frames()):
             stamp = file.time_of(k)
-            due_s = k / hz
+            due_s, waits = k / hz, keep
             if by_file:
                 first = stamp if first is None else first
                 due_s = 0.0 if stamp is None or first is None else stamp - first
+                # a stamp that is not after all before it, as of a clock that was set back, does not say when its frame is due
+                waits = keep or stamp is None or stamp <= latest
+                latest = latest if stamp is None else max(latest, stamp)
             # counted from the start, so that delays do not add up
             wait_s = max(0.0, start + due_s - perf_counter())
             if wait_s > LONG_GAP_S and not warned:
@@ -57,7 +60,7 @@ def replay(stop: Event, file: FrameFile, rate_hz: float | None = None, *, keep: 
                 return
             if stamp is None and rate_hz is not None and rate_hz < float("inf") and file.timestamp is None:
                 stamp = k / rate_hz
-            yield Frame(number=k, image=image, timestamp=stamp, px_per_mm=file.px_per_mm, keep=keep)
+            yield Frame(number=k, image=image, timestamp=stamp, px_per_mm=file.px_per_mm, keep=waits)
     except SpecError as error:
         yield Trouble(kind="file damaged", message=f"after {k + 1} of {file.count} frames: {error}")
 

@@ -36,7 +36,7 @@ def test_a_replay_has_the_frames_and_stamps_of_its_file(tmp_path: Path) -> None:
     frames, troubles = read(replay(file))
     assert troubles == []
     assert [(f.number, f.timestamp, f.px_per_mm, f.keep) for f in frames] == [
-        (0, 5.0, (15.5, 15.5), False), (1, None, (15.5, 15.5), False), (2, 5.02, (15.5, 15.5), False)
+        (0, 5.0, (15.5, 15.5), False), (1, None, (15.5, 15.5), True), (2, 5.02, (15.5, 15.5), False)
     ]  # fmt: skip
     for k, frame in enumerate(frames):
         np.testing.assert_array_equal(frame.image, ramp(k))
@@ -55,6 +55,13 @@ def test_a_replay_takes_its_time(tmp_path: Path, rate_hz: float | None, stamps: 
     assert len(frames) == 4
     assert least_s <= took_s < least_s + 5.0
     assert [f.keep for f in frames] == [rate_hz == float("inf")] * 4
+
+
+def test_no_frame_is_dropped_because_the_clock_was_set_back(tmp_path: Path) -> None:
+    stamps = [5.0, 5.01, 1.0, np.nan, 5.01, 5.02]
+    file = open_frame_file(save_npz(tmp_path / "f.npz", [ramp(0)] * 6, timestamp=stamps))
+    assert [f.keep for f in read(replay(file))[0]] == [False, False, True, True, True, False]
+    assert [f.keep for f in read(replay(file, 200.0))[0]] == [False] * 6
 
 
 def test_a_rate_stamps_what_has_no_stamp(tmp_path: Path) -> None:
