@@ -53,10 +53,16 @@ class TactapeCamera(Camera):
         return []  # a folder or a pipe cannot be found by looking
 
     def connect(self, warmup: bool = True) -> None:
+        if self._live is not None:
+            raise ConnectionError("the camera is connected; call disconnect() first")
         given = {name: getattr(self.config, name) for name in ("rate", "raw", "background", "weights", "crop", "world")}
         self._live = LiveSensor(self.config.source, self.config.kits, self.config.sensor, **given)
         if warmup:
-            self._take(-1, WARMUP_S)
+            try:
+                self._take(-1, WARMUP_S)
+            except BaseException:  # its thread would keep the source, and the next attempt find it busy
+                self.disconnect()
+                raise
 
     def read(self) -> np.ndarray:
         return self.async_read(1000 * WARMUP_S)

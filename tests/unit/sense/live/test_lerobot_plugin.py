@@ -27,7 +27,8 @@ class CameraConfig:
         return lambda kind: kind
 
 
-def test_a_hole_is_black_whatever_it_is_marked_by(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def plugin(monkeypatch: pytest.MonkeyPatch) -> Any:
     cameras: Any = ModuleType("lerobot.cameras")
     cameras.Camera, cameras.CameraConfig = Camera, CameraConfig
     for module in (ModuleType("lerobot"), cameras):
@@ -35,9 +36,31 @@ def test_a_hole_is_black_whatever_it_is_marked_by(monkeypatch: pytest.MonkeyPatc
     monkeypatch.syspath_prepend(str(PLUGIN))
     plugin = import_module("lerobot_camera_tactape")
     del sys.modules["lerobot_camera_tactape"]  # that of the stub is nobody else's
+    return plugin
+
+
+def test_a_hole_is_black_whatever_it_is_marked_by(plugin: Any) -> None:
     camera = plugin.TactapeCamera(plugin.TactapeCameraConfig(source="frames.npz"))
     depth = np.full((240, 320), 0.75, dtype=np.float32)
     depth[0, :3] = np.inf, -np.inf, np.nan
     camera._live = SimpleNamespace(sensor=load_sensor("gelsight-mini"), read=lambda **_: SimpleNamespace(frame=0, depth=depth))
     picture = camera.read_latest()
     assert picture.shape == (240, 320, 3) and picture[0, :5, 0].tolist() == [0, 0, 0, 127, 127]
+
+
+def test_a_camera_that_gives_no_frame_is_not_connected_and_one_that_is_connected_stays(
+    plugin: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late(**_: Any) -> None:
+        raise TimeoutError
+
+    closed: list[int] = []
+    monkeypatch.setattr(plugin, "LiveSensor", lambda *_, **__: SimpleNamespace(read=late, close=lambda: closed.append(1)))
+    camera = plugin.TactapeCamera(plugin.TactapeCameraConfig(source="frames.npz"))
+    with pytest.raises(TimeoutError):
+        camera.connect()
+    assert closed == [1] and not camera.is_connected
+    camera.connect(warmup=False)
+    with pytest.raises(ConnectionError, match="disconnect"):
+        camera.connect()
+    assert closed == [1] and camera.is_connected
