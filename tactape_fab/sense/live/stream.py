@@ -53,9 +53,11 @@ def stream_source(
         try:
             array = _array(source)
         except (EOFError, ValueError) as error:
+            ended = isinstance(error, EOFError)
             if str(error):
-                yield Trouble(kind="stream damaged", message=f"frame {number}: {error}; looking for the next array")
-            if isinstance(error, EOFError):
+                what_then = "" if ended else "; looking for the next array"
+                yield Trouble(kind="stream damaged", message=f"frame {number}: {error}{what_then}")
+            if ended:
                 return
             number, last = number + 1, None
             continue
