@@ -213,7 +213,7 @@ def followed(
     if pose is not None:
         if _jumped(before, pose, prior):
             events = (*events, "jump")
-            state = replace(state, began=None, anchor=())
+            state = replace(state, began=None, anchor=(), still=0, slipping=False)
         state, slip, slipped = _moved(state, pose, motion, sensor)
         if slipped:
             events = (*events, "slip")

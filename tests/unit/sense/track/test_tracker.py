@@ -125,6 +125,8 @@ def test_a_contact_that_ended_in_a_slide_hides_no_slip_of_the_next(localizer: Lo
     sliding, next_one = [at(30 + 0.5 * k, 20) for k in range(4)], [at(60, 30), at(60.5, 30)]
     tracks = follow(Tracker(localizer), [*sliding, *[NOTHING] * 4, *next_one])
     assert kinds(tracks)[-3:] == [(6, "end"), (8, "begin"), (9, "slip")]
+    jumped = follow(Tracker(localizer), [*sliding, *next_one])
+    assert kinds(jumped)[-2:] == [(4, "jump"), (5, "slip")]
 
 
 def test_times_run_forward_and_a_refused_frame_changes_nothing(localizer: Localizer) -> None:
