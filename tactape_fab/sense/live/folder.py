@@ -39,8 +39,10 @@ _SETTLED_S = 0.1
 
 @dataclass(slots=True, kw_only=True)
 class _Waiting:
-    """A file that is not fully read yet: its state at the last try, since when, what was wrong, and its frames read so far."""
+    """A file that is not fully read yet: its state at the last look and try, since when, the fault, and its frames so far."""
 
+    found: tuple[int, int] = (-1, -1)
+    found_s: float = 0.0
     seen: tuple[int, int] = (-1, -1)
     since_s: float = 0.0
     reason: str = ""
@@ -128,7 +130,11 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
     if status.st_ino != file.inode:  # another file was moved into its place: none of its frames was taken
         file.inode, file.taken, file.seen = status.st_ino, 0, (-1, -1)
     seen, now_s = (status.st_size, status.st_mtime_ns), perf_counter()
-    settled = path.suffix.lower() in (*_ENDINGS, *_SAY_LENGTH) or time() - status.st_mtime > _SETTLED_S
+    if seen != file.found:
+        file.found, file.found_s = seen, now_s
+    # who writes may have another clock: by its time a file may be of the future for hours
+    unchanged_s = max(time() - status.st_mtime, now_s - file.found_s)
+    settled = path.suffix.lower() in (*_ENDINGS, *_SAY_LENGTH) or unchanged_s > _SETTLED_S
     # neither size nor time has changed: another try would end as the last one did
     if seen == file.seen:
         if not file.reported and now_s - file.since_s > PATIENCE_S:

@@ -403,6 +403,13 @@ def test_a_tiff_is_not_looked_at_while_it_changes(tmp_path: Path, monkeypatch: p
     assert len(looked) == 1 and looked[0] >= 0.1
 
 
+def test_a_tiff_of_a_clock_that_is_ahead_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "a.tif").write_bytes(picture(".tif"))
+    os.utime(tmp_path / "a.tif", (time() + 3600.0,) * 2)
+    frames, troubles = read(folder_source(tmp_path, (".tif",), idle_s=1.0))
+    assert (len(frames), troubles) == (1, [])
+
+
 # Camera
 
 
