@@ -82,9 +82,14 @@ class Tally:
 
     @property
     def hz(self) -> float:
-        """Rate of the latest answers, Hz."""
-        span_s = self._recent[-1] - self._recent[0] if len(self._recent) > 1 else 0.0
-        return (len(self._recent) - 1) / span_s if span_s > 0 else 0.0
+        """Rate of the latest answers, Hz; it falls while none comes."""
+        gaps = len(self._recent) - 1
+        if gaps < 1:
+            return 0.0
+        span_s = self._recent[-1] - self._recent[0]
+        # of the time since the last answer, what is more than a usual gap
+        span_s += max(0.0, perf_counter() - self._recent[-1] - span_s / gaps)
+        return gaps / span_s if span_s > 0 else 0.0
 
     @property
     def overall_hz(self) -> float:

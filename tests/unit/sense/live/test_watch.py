@@ -58,6 +58,21 @@ def answers(source: Source, tally: Tally, locator: object = at_once) -> list[Loc
 # The loop
 
 
+def test_the_rate_falls_while_no_answer_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 0.0
+    monkeypatch.setattr("tactape_fab.sense.live.counts.perf_counter", lambda: now_s)
+    tally = Tally()
+    assert tally.hz == 0.0
+    for k in range(26):
+        now_s = 0.04 * k
+        tally.answer(Localization(status="none", located=False), now_s)
+    assert tally.hz == pytest.approx(25.0)
+    now_s = 1.03
+    assert tally.hz == pytest.approx(25.0)
+    now_s = 10.04
+    assert tally.hz == pytest.approx(2.5) and tally.overall_hz == pytest.approx(25.0)
+
+
 def test_the_latest_frame_is_located_and_those_before_it_are_counted() -> None:
     """A frame every 5 ms, 20 ms for each answer."""
 
