@@ -49,6 +49,7 @@ class _Ros:
     """The modules and classes of ROS 2 that the node uses: public ones of Humble and later."""
 
     rclpy: Any
+    clock: Any
     sensor_qos: Any
     image: Any
     pose: Any
@@ -65,6 +66,7 @@ def _ros() -> _Ros:
     try:
         return _Ros(
             rclpy=import_module("rclpy"),
+            clock=import_module("rclpy.clock"),
             sensor_qos=import_module("rclpy.qos").qos_profile_sensor_data,
             image=import_module("sensor_msgs.msg").Image,
             pose=import_module("geometry_msgs.msg").PoseWithCovarianceStamped,
@@ -141,7 +143,10 @@ class _Served:
     def __enter__(self) -> None:
         self._thread.start()  # compiles; images that come before it is done are dropped but for the latest
         self._node.create_subscription(self._ros.image, "depth", self._take, self._ros.sensor_qos)
-        self._node.create_timer(_DIAGNOSED_S, self._diagnose)
+        clock = self._ros.clock
+        # by the node's own clock, rclpy's default, it waits for the hour by which that was set back (ros2/rclpy#1490)
+        steady = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)
+        self._node.create_timer(_DIAGNOSED_S, self._diagnose, clock=steady)
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()

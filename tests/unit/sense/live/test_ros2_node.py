@@ -118,8 +118,8 @@ class Node:
         assert (topic, qos) == ("depth", "sensor data")
         self.callback = callback
 
-    def create_timer(self, seconds: float, callback: Any) -> None:
-        assert seconds == 1.0
+    def create_timer(self, seconds: float, callback: Any, *, clock: Any = None) -> None:
+        assert (seconds, clock) == (1.0, "steady")  # any other stands still while the system's is set back
         self.timers.append(callback)
 
     def get_clock(self) -> SimpleNamespace:
@@ -202,6 +202,7 @@ def ros(monkeypatch: pytest.MonkeyPatch, store: Any, spin: Callable[[Node], None
             "try_shutdown": lambda: None,
             "ok": lambda: True,
         },
+        "rclpy.clock": {"Clock": lambda *, clock_type: clock_type, "ClockType": SimpleNamespace(STEADY_TIME="steady")},
         "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
         "rclpy.exceptions": {"InvalidParameterTypeException": InvalidParameterTypeException},
         "rclpy.executors": {"ExternalShutdownException": ExternalShutdownException},
