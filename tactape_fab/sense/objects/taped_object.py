@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.templates import read_toml
-from tactape_fab.sense.decode.result import refuse_no_answer, state_of, tape_named
+from tactape_fab.sense.decode.result import Localization, refuse_no_answer, state_of, tape_named
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
 from tactape_fab.sense.geometry import from_quaternion
 from tactape_fab.sense.objects.mount import AROUND, SURFACES, Mount, ObjectPose, on_surface, printed_mount, texture_surface
@@ -22,9 +22,6 @@ from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
 from tactape_fab.texture.manifest import find_manifest, read_manifest
 from tactape_fab.texture.registry import read_registered
 from tactape_fab.texture.tape import Tape
-
-if TYPE_CHECKING:
-    from tactape_fab.sense.decode.result import Localization
 
 MOST_TAPES = 256
 FARTHEST_MM = 10_000.0
@@ -189,7 +186,7 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
     radius = under = 0.0
     around = "x"
     if surface == "cylinder":
-        radius = table.number("radius_mm", above=0.0, high=LARGEST_RADIUS_MM, default=1.0)
+        radius = table.number("radius_mm", above=0.0, high=LARGEST_RADIUS_MM)
         under = table.number("under_mm", low=0.0, high=100.0) if "under_mm" in row else 0.0
         around = table.text("around", choices=AROUND, default="x")
     elif round_keys:
@@ -231,7 +228,7 @@ def _read_pose(table: Fields, given: list[str]) -> tuple[np.ndarray, np.ndarray]
     """Rotation matrix and position, mm, from a table with the values of the CAD."""
     turn, position = np.eye(3), np.zeros(3)
     if "rpy_deg" in given:
-        turn = from_rpy(table.numbers("rpy_deg", 3, low=-360.0, high=360.0, unit="deg", default=(0.0, 0.0, 0.0)))
+        turn = from_rpy(table.numbers("rpy_deg", 3, low=-360.0, high=360.0, unit="deg"))
     if "quaternion_xyzw" in given:
         quaternion = table.numbers("quaternion_xyzw", 4, low=-1.01, high=1.01, unit="", default=(0.0, 0.0, 0.0, 1.0))
         length = float(np.linalg.norm(quaternion))
@@ -240,7 +237,7 @@ def _read_pose(table: Fields, given: list[str]) -> tuple[np.ndarray, np.ndarray]
         else:
             turn = from_quaternion(quaternion)
     if "tag_corners_mm" not in given:
-        position = np.array(table.numbers("position_mm", 3, low=-FARTHEST_MM, high=FARTHEST_MM, default=(0.0, 0.0, 0.0)))
+        position = np.array(table.numbers("position_mm", 3, low=-FARTHEST_MM, high=FARTHEST_MM))
     elif "position_mm" in table.values:
         table.problem("position_mm", "position_mm and tag_corners_mm both say where the film is; give one of them")
     return turn, position
@@ -251,8 +248,7 @@ def _read_corners(table: Fields) -> np.ndarray:
     named = Fields({f"tag_corners_mm[{i}]": row for i, row in enumerate(rows)}, table.where, table.problems)
     if len(rows) != 4:
         table.problem("tag_corners_mm", f"tag_corners_mm has {len(rows)} corners; give 4, from the lower left, counter-clockwise")
-    bounds = {"low": -FARTHEST_MM, "high": FARTHEST_MM, "default": (0.0, 0.0, 0.0)}
-    return np.array([named.numbers(key, 3, **bounds) for key in named.values])  # type: ignore[arg-type]
+    return np.array([named.numbers(key, 3, low=-FARTHEST_MM, high=FARTHEST_MM) for key in named.values])
 
 
 def _read_kit(kit: Path, table: Fields) -> tuple[Tape, Mount | None] | None:

@@ -170,7 +170,10 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
     entry = 'surface = "plane"\nradius_mm = 3\nposition_mm = [1, 2]\nrpy_deg = [0, 0, nan]\ncolour = 1'
     more = (
         '[[tapes]]\nkit = "nowhere"\nsurface = "ball"\n'
-        '[[tapes]]\nsurface = "cylinder"\nradius_mm = -1\nquaternion_xyzw = [1, 1, 0, 0]'
+        '[[tapes]]\nsurface = "cylinder"\nradius_mm = -1\nunder_mm = 100.1\nquaternion_xyzw = [1, 1, 0, 0]\n'
+        '[[tapes]]\nsurface = "cylinder"\nradius_mm = 10001\nunder_mm = -1\n'
+        "position_mm = [10001, 0, 0]\nrpy_deg = [0, 0, 360.1]\n"
+        "[[tapes]]\ntag_corners_mm = [[0, 0, 10001], [0, 1, nan], [1, 1]]\nposition_mm = [0, 0, 0]\n[tape]"
     )
     with pytest.raises(SpecError) as caught:
         read_object(write(tmp_path, small_kit, entry, more))
@@ -187,6 +190,17 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
         "tapes[2].radius_mm = -1 mm is not above 0",
         "tapes[2].around is missing",
         "quaternion_xyzw has length 1.414",
+        "box.toml: tape is not a known key",
+        "tapes[2].under_mm = 100.1 mm exceeds 100",
+        "tapes[3].radius_mm = 10001 mm exceeds 10000",
+        "tapes[3].under_mm = -1 mm is below 0",
+        "tapes[3].position_mm[0] = 10001 mm exceeds 10000",
+        "tapes[3].rpy_deg[2] = 360.1 deg exceeds 360",
+        "tapes[4].tag_corners_mm[0][2] = 10001 mm exceeds 10000",
+        "tapes[4].tag_corners_mm[1][2] = nan mm is not a finite number",
+        "tapes[4].tag_corners_mm[2] = [1, 1] is not 3 numbers",
+        "tag_corners_mm has 3 corners; give 4",
+        "position_mm and tag_corners_mm both say where the film is",
     ):
         assert words in said, said
 
