@@ -94,6 +94,8 @@ def test_tapes_of_one_size_lie_in_reading_order() -> None:
 def test_a_small_tape_takes_the_room_that_large_ones_leave() -> None:
     sizes = [(150.0, 236.0), (84.0, 100.0), (84.0, 134.0)]
     assert pack(sizes, SHEET_MM, 2.0).sheets == 1
+    # 120 and 110 mm beside each other, 220 x 90 mm above them
+    assert pack([(120.0, 130.0), (220.0, 90.0), (30.0, 30.0), (110.0, 140.0)], (240.0, 240.0), 0.0).sheets == 1
 
 
 @pytest.mark.parametrize("sizes", [[], [(237.0, 10.0)], [(10.0, 237.0)], [(100.0, 50.0), (300.0, 300.0)]])
@@ -127,3 +129,13 @@ def test_a_panel_is_no_larger_than_the_boards_that_the_fab_makes() -> None:
     assert "186 x 136 mm, the room on a panel of 200 x 150 mm" in problem.message
     _, panels = pack_panels([((90.0, 60.0), 1.0)] * 5, fab)
     assert [max(packed.panel.size_mm) <= 200.0 and min(packed.panel.size_mm) <= 150.0 for packed in panels] == [True, True]
+    # longer than the room is high: there is one way for it to lie
+    (packed,) = pack_panels([((180.0, 20.0), 1.0), ((30.0, 20.0), 1.0)], fab)[1]
+    assert packed.panel.size_mm == (194.0, 70.0)
+
+
+def test_a_panel_is_its_tapes_their_slots_and_the_rails() -> None:
+    """Rails of 5 mm, slots of 2 mm, and between two slots a web of 2 mm."""
+    (packed,) = pack_panels([((60.0, 40.0), 1.0)] * 2, load_fab("generic-fpc"))[1]
+    assert packed.panel.size_mm == (60.0 + 2 * (5 + 2), 2 * 40.0 + 3 * 2 + 2 * (5 + 2))
+    assert [place.offset_mm for place in packed.panel.places] == [(7.0, 53.0), (7.0, 7.0)]
