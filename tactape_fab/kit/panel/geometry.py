@@ -188,20 +188,20 @@ def _read_packed(table: Fields) -> dict[str, Any]:
         Fields(row if isinstance(row, Mapping) else {}, f"{table.where}places[{i}].", table.problems)
         for i, row in enumerate(table.rows("places", longest=MOST_PLACES))
     ]
-    size_mm = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
+    size_mm = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM)
     return {"size_mm": size_mm, "places": tuple(map(_read_place, entries)), "grid": None}
 
 
 def _read_place(entry: Fields) -> Place:
-    width, height = entry.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
-    x, y = entry.numbers("offset_mm", 2, low=0.0, high=LONGEST_MM, default=(0.0, 0.0))
+    width, height = entry.numbers("size_mm", 2, above=0.0, high=LONGEST_MM)
+    x, y = entry.numbers("offset_mm", 2, low=0.0, high=LONGEST_MM)
     return Place(
         size_mm=(width, height),
-        radius_mm=entry.number("radius_mm", low=0.0, high=min(width, height) / 2, default=0.0),
+        radius_mm=entry.number("radius_mm", low=0.0, high=min(width, height) / 2),
         offset_mm=(x, y),
         turned=entry.flag("turned"),
-        tabs_x=entry.integer("tabs_x", low=0, high=1000, default=0),
-        tabs_y=entry.integer("tabs_y", low=0, high=1000, default=0),
+        tabs_x=entry.integer("tabs_x", low=0, high=1000),
+        tabs_y=entry.integer("tabs_y", low=0, high=1000),
     )
 
 
@@ -209,8 +209,8 @@ def _read_grid(table: Fields, rail_mm: float, gap_mm: float) -> dict[str, Any]:
     """Size and places of a panel of equal tapes in columns and rows."""
     width, height = table.numbers("tape_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
     columns, rows = (table.integer(key, low=1, high=MOST_ALONG, default=1) for key in ("columns", "rows"))
-    tabs_x, tabs_y = (table.integer(key, low=0, high=1000, default=0) for key in ("tabs_x", "tabs_y"))
-    radius_mm = table.number("tape_radius_mm", low=0.0, high=min(width, height) / 2, default=0.0)
+    tabs_x, tabs_y = (table.integer(key, low=0, high=1000) for key in ("tabs_x", "tabs_y"))
+    radius_mm = table.number("tape_radius_mm", low=0.0, high=min(width, height) / 2)
     return {
         "size_mm": panel_size_mm((width, height), (columns, rows), rail_mm, gap_mm),
         "places": grid_places((width, height), radius_mm, (columns, rows), (rail_mm, gap_mm), (tabs_x, tabs_y)),
