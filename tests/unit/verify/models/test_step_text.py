@@ -18,7 +18,7 @@ from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models import cad_readers
 from tactape_fab.verify.models import step_text as step_text_module
 from tactape_fab.verify.models.expected import Expected, expected_of_kit
-from tactape_fab.verify.models.step_text import foreign_entities, shell_problems, step_text, written_steps
+from tactape_fab.verify.models.step_text import foreign_entities, shell_problems, step_problems, step_text, written_steps
 from tests.surfaces import planned
 
 Change = Callable[[bytes], bytes]
@@ -94,6 +94,36 @@ def test_what_another_version_may_write_is_read() -> None:
     ):
         other = step_text(change(SOLID))
         assert other.digest != own.digest and foreign_entities(other, own) is None
+
+
+OTHERWISE: dict[str, tuple[Change, str]] = {
+    "as it is": (lambda data: data, ""),
+    "at the limit": (swap(b"(1.E-06)", b"(1.E-05)"), ""),
+    "uncertain": (swap(b"(1.E-06)", b"(2.E-05)"), "its points are uncertain by 2e-05 mm, more than 1e-05 mm"),
+    "in centimetres": (swap(b".MILLI.", b".CENTI."), "a unit of it is no millimetre, radian or steradian: "),
+    "in metres": (swap(b".MILLI.", b"$"), "SI_UNIT($,.METRE.)"),
+    "in the unit behind a space": (swap(b"LENGTH_UNIT()", b"LENGTH_UNIT ( )"), ""),
+    "without the radian": (swap(b"((#5,#6,#7))", b"((#5,#7))"), "it has shapes whose units are not the millimetre"),
+    "without uncertainty": (swap(b"_ASSIGNED_CONTEXT((#8))", b"_ASSIGNED_CONTEXT((#7))"), "it has shapes whose units are not"),
+    "in a context without units": (swap(b",#387),#9)", b",#387),#10)"), "it has shapes whose units are not the millimetre"),
+    "shown by none": (swap(b",#387),#9)", b"),#9)"), "its solids are not each shown once"),
+    "shown twice": (swap(b",#387),#9)", b",#387,#387),#9)"), "its solids are not each shown once"),
+    "without a solid": (swap(b"=MANIFOLD_SOLID_BREP(", b"=FACETED_BREP("), "its solids are not each shown once"),
+    "with a second solid": (swap(b"DATA;\n", b"DATA;\n#1=BREP_WITH_VOIDS('',#386,());\n"), "its solids are not each shown"),
+    "with a comment": (swap(b"DATA;\n", b"DATA;\n/* */"), "it has a comment"),
+    "cut off": (lambda data: data[:-9], "it is no whole ISO 10303-21 file"),
+    "begun late": (lambda data: data[1:], "it is no whole ISO 10303-21 file"),
+}
+
+
+@pytest.mark.parametrize(("change", "says"), OTHERWISE.values(), ids=OTHERWISE.keys())
+def test_units_and_solids_of_a_file_are_read(change: Change, says: str) -> None:
+    said = step_problems(change(SOLID))
+    assert bool(said) == bool(says) and says in "".join(said)
+
+
+def test_a_user_s_part_may_be_less_certain() -> None:
+    assert step_problems(swap(b"(1.E-06)", b"(0.1)")(SOLID), 0.1) == []
 
 
 @pytest.mark.parametrize("at_once", [1, 5_000])
