@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +20,7 @@ from tactape_fab.sense import Frame, Scene, iterate_frames, load_sensor
 from tactape_fab.sense.survey.adjust import Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, contact_of, ground_of
 from tactape_fab.sense.survey.poses import RobotPose
-from tactape_fab.sense.survey.survey import Survey, _surveyed, survey_files
+from tactape_fab.sense.survey.survey import Survey, _refuse_number, _robot, _surveyed, survey_files
 from tactape_fab.texture.frames import FloatArray
 from tests.measured import measured
 from tests.thorough import slow
@@ -44,7 +47,7 @@ class Frames:
     """As `sense.files.depth_maps.FrameFile`, in memory."""
 
     depths: list[Any]
-    px_per_mm: None = None
+    px_per_mm: tuple[float, float] | None = None
 
     @property
     def count(self) -> int:
@@ -331,3 +334,48 @@ def test_measured_places_of_another_copy_are_no_start(tmp_path: Path) -> None:
         surveyed(tmp_path, of_copy(4, 2, 40)[1], start)
     truth, learn = of_copy(3, 7, 40)
     assert np.sqrt((errors(surveyed(tmp_path, learn, start), truth) ** 2).mean()) < 0.4 * PLACEMENT_MM
+
+
+def test_figures_are_those_of_places_and_adjustment() -> None:
+    built: Any = SimpleNamespace(tape="t", missing=2, sigma_mm=np.array([0.01, 0.02, 0.05]), drift_mm=0.003, scatter_mm=0.04)
+    adjusted: Any = SimpleNamespace(
+        part=np.arange(7), dot_mm=0.005, left=0.01, common=np.arange(6.0), common_sigma=np.full(6, 0.5)
+    )
+    figures = Survey(as_built=built, adjusted=adjusted, frames=50, contacts=40, parts=9).to_mapping()
+    named = ("px_per_mm", "aspect", "shear", "k1", "push", "pull")
+    assert figures.pop("nuisance") == {name: [float(k), 0.5] for k, name in enumerate(named)}
+    assert figures == {
+        **{"tape": "t", "frames": 50, "contacts": 40, "parts": 9, "touched": 7, "missing": 2, "sigma_mm": 0.02},
+        **{"drift_mm": 0.003, "scatter_mm": 0.04, "dot_mm": 0.005, "far_off": 0.01},
+    }
+
+
+@pytest.mark.parametrize(
+    ("contacts", "says"), [(9, "fewer than 10"), (10, ""), (3000, ""), (3001, "more than 3000; give the frames in parts")]
+)
+def test_contacts_are_10_to_3000(contacts: int, says: str) -> None:
+    with pytest.raises(SpecError, match=says) if says else nullcontext():
+        _refuse_number(contacts, 4000)
+
+
+def test_files_of_different_scales_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for other, same in (((12.0, 12.0), False), (None, True)):
+        scales = [load_sensor("gelsight-mini").px_per_mm, other]
+        monkeypatch.setattr("tactape_fab.sense.survey.survey.open_frames", lambda *_, s=scales: [Frames([], px) for px in s])
+        with pytest.raises(SpecError) as caught:
+            survey_files(["a.npz", "b.npz"], tmp_path)
+        assert ("sensors with different px/mm; survey them one by one" in str(caught.value)) != same
+
+
+def test_a_hand_eye_is_that_of_the_tape(tmp_path: Path) -> None:
+    still = np.eye(4).tolist()
+    known = {"format": "tactape-hand-eye/1", "tape": small_tape().name, "sensor_to_flange": still, "tape_to_base": still}
+    poses, hand_eye = tmp_path / "poses.csv", tmp_path / "hand-eye.json"
+    poses.write_text("frame,x_mm,y_mm,z_mm,qw,qx,qy,qz\n2,10,20,0,0,1,0,0\n")
+    hand_eye.write_text(json.dumps(known))
+    (pose,) = _robot(poses, hand_eye, small_tape(), 3)
+    assert (pose.frame, pose.x_mm, pose.y_mm) == (2, 10.0, 20.0)
+    with pytest.raises(SpecError, match=rf"says where {small_tape().name} lies; give that of another"):
+        _robot(poses, hand_eye, replace(small_tape(), name="another"), 3)
+    with pytest.raises(SpecError, match="frame = 2 is not a whole number from 0 to 1"):
+        _robot(poses, hand_eye, small_tape(), 2)
