@@ -103,6 +103,7 @@ OTHERWISE: dict[str, tuple[Change, str]] = {
     "in centimetres": (swap(b".MILLI.", b".CENTI."), "a unit of it is no millimetre, radian or steradian: "),
     "in metres": (swap(b".MILLI.", b"$"), "SI_UNIT($,.METRE.)"),
     "in the unit behind a space": (swap(b"LENGTH_UNIT()", b"LENGTH_UNIT ( )"), ""),
+    "without ends of lines": (lambda data: data.replace(b"\n", b""), ""),
     "without the radian": (swap(b"((#5,#6,#7))", b"((#5,#7))"), "it has shapes whose units are not the millimetre"),
     "without uncertainty": (swap(b"_ASSIGNED_CONTEXT((#8))", b"_ASSIGNED_CONTEXT((#7))"), "it has shapes whose units are not"),
     "in a context without units": (swap(b",#387),#9)", b",#387),#10)"), "it has shapes whose units are not the millimetre"),

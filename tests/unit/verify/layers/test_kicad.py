@@ -1,0 +1,68 @@
+"""Outlines and fiducials of a KiCad board; other changes of a board are those of `tests/roundtrip/test_verify_kicad.py`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactape_fab.kit.read.s_expression import read_s_expression
+from tactape_fab.verify.layers.kicad import Shown, _fiducials, _outline, _read_board, sides_of
+
+MARK = '(pad "" smd circle (at 0 0) (size 1 1) (layers "F.Cu" "F.Mask") (solder_mask_margin 0.5))'
+BOARD = f"""(kicad_pcb (setup (aux_axis_origin 20 40))
+(gr_line (start 21 40) (end 49 40) (layer "Edge.Cuts")) (gr_line (start 50 39) (end 50 31) (layer "Edge.Cuts"))
+(gr_arc (start 49 30) (mid 49.7 30.3) (end 50 31) (layer "Edge.Cuts")) (gr_line (start 20 31) (end 20 39) (layer "Edge.Cuts"))
+(footprint "fid" (layer "F.Cu") (at 23 37) (fp_text reference "FID1" (at 0 0)) {MARK})
+(footprint "fid" (layer "F.Cu") (at 45 38.5) (fp_text reference "FID2" (at 0 0)) {MARK}))"""
+SHOWN = Shown(
+    parts_xy_mm=np.empty((0, 2)),
+    rotation_deg=np.empty(0),
+    size_mm=(30.0, 10.0),
+    holes=(),
+    edge_lines=4,
+    tracks_mm=np.empty((0, 2, 2)),
+    track_width_mm=0.1,
+    fiducials_mm=((3.0, 3.0), (25.0, 1.5)),
+    fiducial_mm=(1.0, 2.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "radius_mm", "sides"),
+    [((30.0, 10.0), 0.0, 4), ((30.0, 10.0), 1.0, 8), ((30.0, 10.0), 5.0, 6), ((10.0, 10.0), 5.0, 4)],
+)
+def test_sides_of_an_outline(size_mm: tuple[float, float], radius_mm: float, sides: int) -> None:
+    assert sides_of(size_mm, radius_mm) == sides
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("", "", ""),
+        ("(at 23 37)", "(at 23.02 37)", "its 2 fiducials are not the manifest's 2"),
+        ("(at 0 0) (size", "(at 0 0.02) (size", "fiducials"),
+        ("(size 1 1)", "(size 1 1.02)", "fiducials"),
+        ("margin 0.5", "margin 0.6", "fiducials"),
+        ('"F.Cu" "F.Mask"', '"F.Cu"', "fiducials"),
+        ('"F.Cu" "F.Mask"', '"B.Cu" "F.Mask"', "fiducials"),
+        ("smd circle", "smd rect", "fiducials"),
+        ("smd circle", "thru_hole circle", "fiducials"),
+        (MARK, MARK + MARK, "fiducials"),
+        ('"FID2"', '"H1"', "its 1 fiducials are not the manifest's 2"),
+        ("(end 50 31) (layer", "(end 51 31) (layer", "its outline is 31 x 10 mm about another place"),
+        ("(mid 49.7 30.3)", "(mid 49.7 29)", "its outline is 30 x 11 mm about another place"),
+        ("origin 20 40", "origin 21 40", "its outline is 30 x 10 mm about another place"),
+        ("gr_arc", "gr_curve", "its outline has 3 sides and corners, not 4"),
+    ],
+)
+def test_outline_and_fiducials_are_the_manifest_s(old: str, new: str, says: str) -> None:
+    found = _read_board(read_s_expression(BOARD.replace(old, new, 1).encode(), ()))
+    problems = [*_fiducials(found, SHOWN), *_outline(found, SHOWN)]
+    assert bool(problems) == bool(says) and says in "; ".join(problems)
+
+
+def test_a_board_without_fiducials_has_none() -> None:
+    found = _read_board(read_s_expression(BOARD[: BOARD.index("(footprint")].encode() + b")", ()))
+    assert _fiducials(found, replace(SHOWN, fiducials_mm=())) == []
