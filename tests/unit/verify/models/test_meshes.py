@@ -1,0 +1,135 @@
+"""Models of a kit: right ones pass each line, and one change fails the line that is about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactape_fab.base.errors import Check
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mesh.sheet import texture_mesh
+from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
+from tactape_fab.solids.step.assembly import assembly_step
+from tactape_fab.solids.step.solid import solid_step
+from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile
+from tactape_fab.verify.models.meshes import check_models
+from tests.solids import BLOCK, CONE, DATE, DOME, tape_of, volume_mm3
+
+FORM, RGB = SolidForm(), (0.2, 0.4, 0.6)
+TAPES = {part.name: tape_of(part, 5, 5) for part in (BLOCK, DOME, CONE)}
+
+
+def models(tape: Tape, form: SolidForm = FORM, **others: Any) -> dict[str, Check]:
+    """The lines about the models of a tape, of which some are of another tape, mesh or text."""
+    mesh = others.get("mesh", texture_mesh(others.get("other", tape), form))
+    data = {
+        "stl": stl_bytes(mesh, "t"),
+        "3mf": threemf_bytes(others.get("threemf", mesh), "t", {}, DATE),
+        "step-solid": solid_step(others.get("other", tape), form, name="t", date=DATE, rgb=RGB),
+        "step-assembly": assembly_step(tape, name="t", date=DATE, board_rgb=RGB, part_rgb=RGB),
+    }
+    for role, change in others.get("changes", {}).items():
+        data[role] = change(data[role])
+    files = {role: WrittenFile(path=role, data=text) for role, text in data.items()}
+    return {check.name: check for check in check_models(tape, form, files, mesh, others.get("cpl"))}
+
+
+@pytest.mark.parametrize("mark", [False, True])
+@pytest.mark.parametrize("tape", TAPES.values(), ids=TAPES)
+def test_right_models_pass_every_line(tape: Tape, mark: bool) -> None:
+    lines = models(tape, SolidForm(mark=mark))
+    assert all(check.passed for check in lines.values()) and ("stl mark" in lines) == mark
+    own = {"block": 125, "dome": 25, "cone": 50}[tape.part.name]
+    assert f"{own} of them elements'" in lines["step-solid"].message
+    assert mark or lines["stl"].figure == pytest.approx(volume_mm3(tape, FORM), abs=0.1)
+
+
+@pytest.mark.parametrize("tape", TAPES.values(), ids=TAPES)
+def test_elements_that_are_not_the_manifest_s_are_counted_in_both_models(tape: Tape) -> None:
+    longer = replace(tape.part, body_mm=(tape.part.body_mm[0] + 0.02, *tape.part.body_mm[1:]))
+    for other, says in (
+        (replace(tape, displacement_mm=0.27), "25 elements are misplaced, worst by 20.0 um at ("),
+        (tape_of(tape.part, 5, 5, omitted=[(2, 2)]), "24 elements where the manifest has 25: 1 are missing, 0 too many"),
+        (replace(tape, part=longer), "elements differ from the manifest's shape by 10.0 um" if tape.part is BLOCK else ""),
+    ):
+        lines = models(tape, other=other)
+        assert says in lines["stl places"].message and says in lines["step-solid"].message
+        assert not lines["stl base"].passed
+
+
+def moved(at: Callable[[FloatArray], BoolArray], by_mm: tuple[float, ...], tape: Tape = TAPES["block"]) -> Mesh:
+    mesh = texture_mesh(tape, FORM)
+    points = mesh.vertices_mm.copy()
+    points[at(points)] += by_mm
+    return Mesh(vertices_mm=points, faces=mesh.faces)
+
+
+RIGHT = texture_mesh(TAPES["block"], FORM)
+NAMES = tuple(f"R{k}" for k in range(1, 26))
+PLACES = TAPES["block"].part_xy_mm()
+CPL = SimpleNamespace(designators=NAMES, xy_mm=PLACES)
+
+
+@pytest.mark.parametrize(
+    ("line", "others", "says"),
+    [
+        ("stl", {"mesh": moved(lambda p: p[:, 2] < 0, (0.0, 0.0, -0.01))}, "mm3, not 70.083"),
+        ("stl", {"mesh": Mesh(vertices_mm=RIGHT.vertices_mm, faces=RIGHT.faces[1:])}, "edge"),
+        (
+            "stl places",
+            {"mesh": moved(lambda p: (p[:, 2] < 0) & (p[:, 0] == 0), (0, 0, 1))},
+            "raised vertices off the grid, first at (0.000,",
+        ),
+        ("3mf", {"threemf": moved(lambda p: np.arange(len(p)) == 7, (0.00001, 0.0, 0.0))}, "a corner is off the STL by 10"),
+        (
+            "3mf",
+            {"threemf": Mesh(vertices_mm=RIGHT.vertices_mm, faces=RIGHT.faces[1:])},
+            "its 883 triangles are not the STL's 884",
+        ),
+        ("3mf", {"changes": {"3mf": lambda data: data + b" "}}, "behind its package"),
+        (
+            "step-solid",
+            {"changes": {"step-solid": lambda data: data.replace(b"=CLOSED_SHELL(", b"=OPEN_SHELL(")}},
+            "1 solids of 0 shells",
+        ),
+        (
+            "step-solid",
+            {"changes": {"step-solid": lambda data: data.replace(b"=ADVANCED_FACE(", b"=FACE(", 8)}},
+            "127 faces, fewer than",
+        ),
+        (
+            "step-solid",
+            {"changes": {"step-solid": lambda data: data.replace(b"POINT('',(", b"POINT('',(1 ", 9)}},
+            "points that are none",
+        ),
+        (
+            "step-solid",
+            {"changes": {"step-solid": lambda data: data.replace(b"POINT('',(", b"POINT('',(9E9", 9)}},
+            "points that are none",
+        ),
+        ("step-assembly", {"cpl": CPL}, ""),
+        ("step-assembly", {"cpl": SimpleNamespace(designators=NAMES, xy_mm=PLACES + 0.0006)}, ""),
+        (
+            "step-assembly",
+            {"cpl": SimpleNamespace(designators=NAMES, xy_mm=PLACES + 0.003 * np.eye(25, 2) * (1, 0))},
+            "R1 is 3.0 um off its CPL row",
+        ),
+        ("step-assembly", {"cpl": SimpleNamespace(designators=("C1", *NAMES[1:]), xy_mm=PLACES)}, "the CPL has 25: C1, R1"),
+        ("step-assembly", {"changes": {"step-assembly": lambda data: data.replace(b"'R7','R7'", b"'R7','R8'")}}, "has two names"),
+        (
+            "step-assembly",
+            {"changes": {"step-assembly": lambda data: data.replace(b"'R7','R7'", b"'R8','R8'")}},
+            "CPL has 25: R7",
+        ),
+    ],
+)
+def test_each_line_names_what_is_wrong(line: str, others: dict[str, Any], says: str) -> None:
+    check = models(TAPES["block"], **others)[line]
+    assert check.passed == (not says) and says in check.message, check.message
