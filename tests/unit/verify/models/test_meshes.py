@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 
 from tactape_fab.base.errors import Check
-from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh.sheet import texture_mesh
 from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
 from tactape_fab.solids.step.assembly import assembly_step
@@ -19,7 +21,7 @@ from tactape_fab.solids.step.solid import solid_step
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
-from tactape_fab.verify.models.meshes import check_models
+from tactape_fab.verify.models.meshes import check_models, mesh_volume_tolerance_mm3
 from tests.solids import BLOCK, CONE, DATE, DOME, tape_of, volume_mm3
 
 FORM, RGB = SolidForm(), (0.2, 0.4, 0.6)
@@ -80,6 +82,22 @@ def moved(at: Callable[[FloatArray], BoolArray], by_mm: tuple[float, ...], tape:
     return Mesh(vertices_mm=points, faces=mesh.faces)
 
 
+def with_another_part(data: bytes) -> bytes:
+    """A 3MF whose first file, the table of types, has a blank more."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(stream, "w") as new:
+        for k, entry in enumerate(old.infolist()):
+            new.writestr(entry, old.read(entry) + b" " * (k == 0))
+    return stream.getvalue()
+
+
+def test_a_whole_shell_may_lose_as_much_to_chords_as_it_has_area() -> None:
+    whole, segment = (SolidForm(cylinder=Cylinder(radius_mm=6.0, shell=shell)) for shell in ("whole", "segment"))
+    # 37.7 mm round against 9.3 mm
+    more, less = (mesh_volume_tolerance_mm3(TAPES["block"], form) for form in (whole, segment))
+    assert more / less == pytest.approx(12 * np.pi / TAPES["block"].board.size_mm[0], rel=0.01)
+
+
 RIGHT = texture_mesh(TAPES["block"], FORM)
 NAMES = tuple(f"R{k}" for k in range(1, 26))
 PLACES = TAPES["block"].part_xy_mm()
@@ -103,6 +121,8 @@ CPL = SimpleNamespace(designators=NAMES, xy_mm=PLACES)
             "its 883 triangles are not the STL's 884",
         ),
         ("3mf", {"changes": {"3mf": lambda data: data + b" "}}, "behind its package"),
+        ("3mf", {"changes": {"3mf": with_another_part}}, "its package is not written as usual"),
+        ("3mf", {"threemf": Mesh(vertices_mm=RIGHT.vertices_mm, faces=RIGHT.faces[:0])}, "name vertices that it does not have"),
         (
             "step-solid",
             {"changes": {"step-solid": lambda data: data.replace(b"=CLOSED_SHELL(", b"=OPEN_SHELL(")}},
