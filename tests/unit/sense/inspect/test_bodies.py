@@ -44,9 +44,15 @@ def edge(distance_mm: FloatArray) -> FloatArray:
 
 
 def drawn(
-    shift_mm: FloatArray, turn_deg: FloatArray, metal: FloatArray, gone: Sequence[int] = (), hidden: Sequence[int] = ()
+    shift_mm: FloatArray,
+    turn_deg: FloatArray,
+    metal: FloatArray,
+    gone: Sequence[int] = (),
+    hidden: Sequence[int] = (),
+    end_mm: float = 0.3,
 ) -> tuple[Any, Warp, FloatArray]:
-    """A scan of parts with metal ends on film, its warp, and the parts' nominal places; a light sticker lies on some."""
+    """A scan of parts with metal ends on film, its warp, and the parts' nominal places; a light sticker lies on some; metal
+    ends `end_mm` from their middles, beyond 0.3 mm as solder."""
     sites, (width, height) = TAPE.part_xy_mm(), TAPE.board.size_mm
     picture = np.tile(FILM, (round(height * PX_PER_MM), round(width * PX_PER_MM), 1))
     half, rng = round(0.7 * PX_PER_MM), np.random.default_rng(1)
@@ -57,7 +63,7 @@ def drawn(
         x, y = columns / PX_PER_MM - at[0], height - rows / PX_PER_MM - at[1]
         turn = np.radians(TAPE.part.rotation_deg + turn_deg[k])
         along, across = np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x
-        inside = edge(0.3 - np.abs(along)) * edge(0.15 - np.abs(across))
+        inside = edge(end_mm - np.abs(along)) * edge(0.15 - np.abs(across))
         low, high = rng.normal(0.18, 0.01, 2)
         middle = edge(high - along) * edge(low + along)
         part = middle * BODY + (1 - middle) * metal * rng.normal(1.0, 0.05)
