@@ -91,11 +91,17 @@ def with_another_part(data: bytes) -> bytes:
     return stream.getvalue()
 
 
-def test_a_whole_shell_may_lose_as_much_to_chords_as_it_has_area() -> None:
+def test_a_mesh_may_lose_to_chords_2_um_of_the_area_that_is_curved() -> None:
+    tape, holed = TAPES["block"], tape_of(BLOCK, 5, 5, holes_mm=[(4.65, 4.65, 2.0)], omitted=[(2, 2)])
     whole, segment = (SolidForm(cylinder=Cylinder(radius_mm=6.0, shell=shell)) for shell in ("whole", "segment"))
-    # 37.7 mm round against 9.3 mm
-    more, less = (mesh_volume_tolerance_mm3(TAPES["block"], form) for form in (whole, segment))
-    assert more / less == pytest.approx(12 * np.pi / TAPES["block"].board.size_mm[0], rel=0.01)
+    flat, hole, more, less, mould = (
+        mesh_volume_tolerance_mm3(of, form)
+        for of, form in ((tape, FORM), (holed, FORM), (tape, whole), (tape, segment), (tape, replace(segment, negative=True)))
+    )
+    # walls of 0.8 mm round the board, and round the hole
+    assert (flat, hole - flat) == pytest.approx((0.002 * 4 * 9.3 * 0.8, 0.002 * 2 * np.pi * 0.8), rel=0.03)
+    # 37.7 mm round against 9.3 mm; a mould's back is 0.8 + 0.23 mm farther out
+    assert (more / less, mould / less) == pytest.approx((12 * np.pi / 9.3, (7.03 / 6) ** 2), rel=0.03)
 
 
 RIGHT = texture_mesh(TAPES["block"], FORM)
@@ -121,6 +127,9 @@ CPL = SimpleNamespace(designators=NAMES, xy_mm=PLACES)
             "its 883 triangles are not the STL's 884",
         ),
         ("3mf", {"changes": {"3mf": lambda data: data + b" "}}, "behind its package"),
+        ("3mf", {"threemf": moved(lambda p: p[:, 0] > -1, (2e-6, 0.0, 0.0))}, ""),
+        ("3mf", {"threemf": moved(lambda p: p[:, 0] > -1, (4e-6, 0.0, 0.0))}, "a corner is off the STL by 4."),
+        ("3mf", {"threemf": Mesh(vertices_mm=RIGHT.vertices_mm[:-1], faces=RIGHT.faces)}, "name vertices that it does not have"),
         ("3mf", {"changes": {"3mf": with_another_part}}, "its package is not written as usual"),
         ("3mf", {"threemf": Mesh(vertices_mm=RIGHT.vertices_mm, faces=RIGHT.faces[:0])}, "name vertices that it does not have"),
         (
