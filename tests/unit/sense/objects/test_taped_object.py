@@ -211,6 +211,7 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
         ("name = 'a'\ntapes = 3", "tapes = 3 is not a list"),
         ("name = 'a'\ntapes = [3]", "tapes[0] = 3 is not a table"),
         ("name = 'a'\ntapes = []", "tapes is empty"),
+        (f"name = '{101 * 'a'}'\ntapes = []", "is not a text; give at most 100 characters in quotes"),
         ("tapes = []", "name is missing"),
         ("name = [", "is not TOML"),
         ("name = 'a'\n[[tapes]]\nkit = 3\nsurface = 'plane'", "kit = 3 is not a text"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,9 @@ def test_what_is_wrong_with_the_places_is_said(xy_mm: FloatArray, says: str | No
     said = explain(TAPE, xy_mm)
     # where the other place of the code begins is not worked out here
     assert said == says or (says is not None and says.endswith(" not ") and str(said).startswith(says)), said
+
+
+def test_parts_far_off_their_grid_points_are_on_a_grid_all_the_same() -> None:
+    """With 0.45 mm of 1.5 mm the tape's own parts agree with their grid by a third alone."""
+    wide = replace(TAPE, displacement_mm=0.45)
+    assert explain(wide, np.add(wide.part_xy_mm(), (0.1, 0.0))) == "it is shifted by (+0.100, +0.000) mm on the board"
