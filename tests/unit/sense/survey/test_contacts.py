@@ -23,6 +23,7 @@ GRID = {(x, y) for x in range(6) for y in range(5)}
         ([(2, 1), (2, 2)], [], [(2, 1), (2, 2)]),
         ([(2, 1), (2, 2), (2, 3)], [], [(2, 1), (2, 3)]),
         ([(1, 1), (3, 1), (2, 2)], [], [(1, 1), (3, 1)]),
+        ([(0, 0), (1, 1), (2, 2)], [], [(2, 2)]),
         # at the tape's edge five neighbours are all there are, in its corner three are too few
         ([(2, 0)], [], [(2, 0)]),
         ([(0, 3)], [], [(0, 3)]),
