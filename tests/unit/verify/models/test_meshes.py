@@ -43,14 +43,14 @@ def models(tape: Tape, form: SolidForm = FORM, **others: Any) -> dict[str, Check
     return {check.name: check for check in check_models(tape, form, files, mesh, others.get("cpl"))}
 
 
-@pytest.mark.parametrize("mark", [False, True])
+@pytest.mark.parametrize("form", [FORM, SolidForm(mark=True), SolidForm(negative=True)], ids=["plain", "marked", "mould"])
 @pytest.mark.parametrize("tape", TAPES.values(), ids=TAPES)
-def test_right_models_pass_every_line(tape: Tape, mark: bool) -> None:
-    lines = models(tape, SolidForm(mark=mark))
-    assert all(check.passed for check in lines.values()) and ("stl mark" in lines) == mark
+def test_right_models_pass_every_line(tape: Tape, form: SolidForm) -> None:
+    lines = models(tape, form)
+    assert all(check.passed for check in lines.values()) and ("stl mark" in lines) == form.mark
     own = {"block": 125, "dome": 25, "cone": 50}[tape.part.name]
     assert f"{own} of them elements'" in lines["step-solid"].message
-    assert mark or lines["stl"].figure == pytest.approx(volume_mm3(tape, FORM), abs=0.1)
+    assert form.mark or lines["stl"].figure == pytest.approx(volume_mm3(tape, form), abs=0.1)
 
 
 @pytest.mark.parametrize("tape", TAPES.values(), ids=TAPES)
