@@ -64,7 +64,8 @@ def _elsewhere(content: Mapping[str, Any], tape: Tape, values: Mapping[str, Any]
     if tape.tag is not None:
         yield "tag_cell_mm", tape.tag.cell_mm
     if fab:
-        yield "anchor", table("anchor").get("mode", "none")
+        if fab.get("coverlay_mode") != "gang":  # which has no anchors: those asked for are a broken rule that may be forced
+            yield "anchor", table("anchor").get("mode", "none")
         yield from ((key, content.get(key)) for key in ("stiffener", "adhesive"))
     if "coverlay_mode" in fab:
         yield "coverlay", fab["coverlay_mode"]

@@ -201,6 +201,14 @@ def test_a_forced_kit_says_what_it_was_made_in_spite_of(tmp_path: Path) -> None:
     assert verify_kit(kit.path, quick=True).passed
 
 
+def test_anchors_that_gang_leaves_out_are_forced(tmp_path: Path) -> None:
+    """Where the profile's own choice is gang; `coverlay` = gang with an anchor is refused."""
+    examined = examine(spec_of(fab="jlcpcb-fpc", part="r01005", anchor="spur"))
+    recorded = OpenKit(make_examined(examined, tmp_path / "kit", force=True).path).manifest
+    assert (recorded["fab"]["coverlay_mode"], "anchor" in recorded, recorded["spec"]["anchor"]) == ("gang", False, "spur")
+    assert [row["rule"] for row in recorded["forced"]] == ["anchor-opening"]
+
+
 def test_models_of_parts_that_run_into_each_other_are_not_forced(tmp_path: Path) -> None:
     values: dict[str, Any] = {"pitch_mm": 1.5, "displacement_mm": 0.7}
     with pytest.raises(DesignRuleError, match="or --no-3d"):
