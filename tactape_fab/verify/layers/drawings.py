@@ -128,7 +128,8 @@ def _read_dxf(data: bytes) -> Drawn:
             # closed (70, 1) would lack its last side
             if tags[at + 2] != (66, "1") or tags[at + 6] != (70, "0" if layer == "LABEL" else "1"):
                 raise ValueError(f"a line of its {quoted(layer)} has a width or a bulge, or is not closed")
-            _numbers(tags[at + 3 : at + 6], (10, 20, 30))
+            if _numbers(tags[at + 3 : at + 6], (10, 20, 30)) != (0.0, 0.0):
+                raise ValueError(f"a line of its {quoted(layer)} has an origin of its own")
             at += 7
             while tags[at] == (0, "VERTEX") and tags[at + 1] == (8, layer):
                 points.append((*_numbers(tags[at + 2 : at + 5], (10, 20, 30)), 0.0))
@@ -137,6 +138,10 @@ def _read_dxf(data: bytes) -> Drawn:
                 raise ValueError("a line of it does not end")
             at += 2
         drawn.setdefault(layer, []).append(np.array(points))
+    for line in (*drawn.get("FIELD", []), *drawn.get("NUMBER", [])):  # another shape holds less than its bounding box
+        (left, low), (right, high) = _box(line)
+        if line[:, :2].tolist() != [[left, low], [right, low], [right, high], [left, high]]:
+            raise ValueError("a FIELD or NUMBER of it is no rectangle")
     return drawn
 
 

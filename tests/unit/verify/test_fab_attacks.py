@@ -380,6 +380,11 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "dxf: a wide line": (text_of("fab-dxf", lambda t: t.replace(" 66\n1\n", " 40\n5.0\n", 1)), "fab-dxf"),
     "dxf: a bulge": (text_of("fab-dxf", lambda t: t.replace(" 70\n1\n  0\nVERTEX", " 42\n9.9\n  0\nVERTEX", 1)), "fab-dxf"),
     "dxf: an open outline": (text_of("fab-dxf", lambda t: t.replace(" 70\n1\n  0\nVERTEX", " 70\n0\n  0\nVERTEX", 1)), "fab-dxf"),
+    "dxf: a field's corner": (
+        text_of("fab-dxf", lambda t: re.sub(r"(X\n  8\nFIELD\n 10\n)[\d.]+", r"\g<1>12.0", t, count=1)),
+        "fab-dxf",
+    ),
+    "dxf: an origin": (swap("fab-dxf", "OUTLINE\n 66\n1\n 10\n0.0", "OUTLINE\n 66\n1\n 10\n5.0"), "fab-dxf"),
     "dxf: not a number": (swap("fab-dxf", "20.000000", "nan"), "fab-dxf"),
     "dxf: very far": (text_of("fab-dxf", lambda t: re.sub(r"(LABEL\n 10\n)[\d.]+", r"\g<1>1e300", t, count=1)), "fab-dxf"),
     "dxf: cut off": (text_of("fab-dxf", lambda t: t[: len(t) // 2]), "fab-dxf"),
