@@ -97,6 +97,7 @@ def _environment(folder: Path) -> Any:
     )
     environment.globals["row"] = lambda label, value: _Row(f"   {in_a_line(label):<34} {in_a_line(value)}")
     environment.filters["figures"] = lambda a: f"{a.value:g}" if a.least == a.value else f"{a.least:g} to {a.value:g}"
-    environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
+    # to 1 nm first, as verify, so that half a micrometre is rounded alike however the place was reckoned
+    environment.filters["length"] = lambda value_mm: f"{round(value_mm, 6):.3f}".rstrip("0").rstrip(".")
     environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"
     return environment

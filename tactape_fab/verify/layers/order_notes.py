@@ -277,4 +277,4 @@ def _bases(order: FabOrder) -> str:
 
 def _length(value: float) -> str:
     """A length or angle as written in the notes."""
-    return f"{value:.3f}".rstrip("0").rstrip(".")
+    return f"{round(value, 6):.3f}".rstrip("0").rstrip(".")

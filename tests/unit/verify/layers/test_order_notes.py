@@ -15,7 +15,7 @@ from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.verify import verify_kit
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.film import read_film_manifest
-from tactape_fab.verify.layers.order_notes import check_order_notes
+from tactape_fab.verify.layers.order_notes import _length, check_order_notes
 from tests.roundtrip.kits import OpenKit, failed
 
 
@@ -102,3 +102,8 @@ def test_figures_of_a_panel_are_compared_too(panel_2: PanelKit, tmp_path: Path) 
         "'panel' is",
     )
     assert [words for words in wrong if words not in said] == []
+
+
+def test_half_a_micrometre_is_rounded_alike_however_it_was_reckoned() -> None:
+    assert _length(0.1 + 9.1145) == _length(9.2145) == _length(9.2145 + 2e-15)
+    assert _length(9.2145 - 4e-15) == _length(9.2145 + 4e-15)
