@@ -12,6 +12,7 @@ import re
 import shlex
 import subprocess
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 _BLOCK = "--part block --w 1.06 --delta 0.2 --size 40x24 --process sla"
@@ -139,4 +140,8 @@ def _plate(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    record(Path(sys.argv[1]))
+    parser = ArgumentParser(
+        prog="python -m tests.golden.record", description=__doc__, formatter_class=RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    record(parser.parse_args().folder)
