@@ -14,13 +14,23 @@ from tactape_fab.sense.decode.contact.edge import off_edge
 from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
 from tactape_fab.sense.decode.contact.tilted import USUAL_PART_MM, tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.dots.elongation import parity_log_ratio
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.located_dots import LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.pixels.refine import Pixels, refine
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization, status_of
-from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, SCALE_ERROR, Limits, bound_of, least_agreeing, share_of_others
+from tactape_fab.sense.decode.rule import (
+    GOOD_TRUST,
+    LEAST_DOTS,
+    MOST_ACROSS,
+    SCALE_ERROR,
+    Limits,
+    bound_of,
+    least_agreeing,
+    share_of_others,
+)
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.sense.decode.search.rivals import best_unregistered, rivals
@@ -99,7 +109,7 @@ def accept_place(
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **fields), other
     fields["n_agree"] = agree = int(np.count_nonzero(pose.agree))
-    reason = _refusal(p_tape, doubt, limits, agree, on.good) or _off_scale(pose.px_per_mm, view)
+    reason = _refusal(p_tape, doubt, limits, agree, on.good) or _off_scale(pose.px_per_mm, view) or _across(dots, pose, tape)
     if reason is not None:
         return Localization(located=False, reason=reason, **fields), other
     drawn = False
@@ -275,6 +285,25 @@ def _off_scale(px_per_mm: float, view: View) -> str | None:
     return (
         f"the tape is seen at {px_per_mm:.4g} px/mm, {off:+.1%} off the sensor profile's {view.px_per_mm:g}, which is right to "
         f"{view.scale_tolerance:.1%}: another scale, or a tape of W {w_mm:.3g} mm"
+    )
+
+
+def _across(dots: Dots, pose: Pose, tape: Tape | None) -> str | None:
+    """Reason why the bodies' direction is not that of the answer; None if it may be.
+
+    Weights of turns leave a fiftieth to the wrong pair (`MOST_TURN_SHARE`), however plainly all bodies contradict it. Symbols can
+    make up for that where dots are read on a wrong grid: they are not at random then.
+    """
+    if tape is None:
+        return None
+    # ln odds of the turns 0 and 2 of a grid that lies as the answer does
+    grid = np.array([cos(pose.theta_rad), sin(pose.theta_rad)])
+    if parity_log_ratio(dots.elongation, dots.weights, dots.trust, grid, tape.part) >= -MOST_ACROSS:
+        return None
+    as_seen = (tape.part.rotation_deg + 90.0) % 180.0
+    return (
+        "the parts lie across the direction that they have on the tape: it is another place, or they were soldered a quarter "
+        f"turn off: for these make the kit with --rotation {as_seen:g}"
     )
 
 

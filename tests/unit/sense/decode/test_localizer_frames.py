@@ -35,6 +35,24 @@ def test_the_edge_of_the_board_hides_no_place(options: dict[str, Any], poses: li
         assert fix.located and is_near(fix, position_mm, theta_deg, mm=0.05, deg=0.5), (position_mm, fix.reason)
 
 
+def test_parts_that_lie_across_are_another_place() -> None:
+    """The first two columns of sector 0 of the de Bruijn code were its first two rows, a quarter turn away, with p_false 1e-5."""
+    tape = examine(TapeSpec(sector=0, code="debruijn-4x4", part="r0402", pitch_mm=1.2, size_mm=(60.0, 40.0), tag="none")).tape
+    strip = Scene(contact="strip", texture_mm=0.1495, cylinder_radius_mm=24.57, contact_turn_deg=159.18)
+    localizer, pose = Localizer([tape], world="closed"), ((-2.0368, 8.6656), -66.3759)
+    fixes = [localizer.locate(simulate(tape, *pose, scene=strip, seed=seed)) for seed in range(6)]
+    assert not any(fix.located for fix in fixes)
+    assert any("the parts lie across" in (fix.reason or "") for fix in fixes)
+
+
+def test_parts_soldered_a_quarter_turn_off_are_told_and_located_as_they_lie() -> None:
+    made = replace(TAPE, part=replace(TAPE.part, rotation_deg=135.0))
+    frame = simulate(made, *POSE, seed=1)
+    fix = Localizer([TAPE]).locate(frame)
+    assert not fix.located and fix.reason is not None and fix.reason.endswith("make the kit with --rotation 135")
+    assert is_near(Localizer([made]).locate(frame), *POSE, mm=0.01, deg=0.1)
+
+
 # Sensors
 
 
