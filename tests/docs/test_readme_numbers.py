@@ -13,6 +13,7 @@ from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS
 from tactape_fab.make.emboss import MESH_CPU_S, STEP_CPU_S
 from tactape_fab.sense import load_sensor
 from tactape_fab.sense.decode.contact.plane import GAIN_SIGMA
+from tactape_fab.sense.decode.contact.surface import TOP_SIGMA
 from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, OVERHANG_SHARE, WRONG_SHARE
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.live.replay import LONG_GAP_S, USUAL_HZ
@@ -37,7 +38,7 @@ UNCALIBRATED = (Geometry().sigma_aspect, Geometry().sigma_shear, Geometry().sigm
 DECIDED = {
     "codes.md": [f"{100 * (1 - MOST_TURN_SHARE):g} %"],
     "dots.md": [f"{100 * WRONG_SHARE:g} %"],
-    "frames.md": [f"{100 * GAIN_SIGMA:g} %"],
+    "frames.md": [f"{100 * GAIN_SIGMA:g} %", f"{100 * TOP_SIGMA:g} %"],
     "limits.md": [
         f"{MOST_CPU_S:g} s",
         *(f"{of:g} s" for of in (STEP_CPU_S, MESH_CPU_S, CPU_S, CPU_S_OF_OWN, MOST_S)),

@@ -303,7 +303,7 @@ def _across(dots: Dots, pose: Pose, tape: Tape | None) -> str | None:
     as_seen = (tape.part.rotation_deg + 90.0) % 180.0
     return (
         "the parts lie across the direction that they have on the tape: it is another place, or they were soldered a quarter "
-        f"turn off: for these make the kit with --rotation {as_seen:g}"
+        f"turn off: for these make the kit with a rotation of {as_seen:g} deg"
     )
 
 

@@ -49,7 +49,7 @@ def test_parts_soldered_a_quarter_turn_off_are_told_and_located_as_they_lie() ->
     made = replace(TAPE, part=replace(TAPE.part, rotation_deg=135.0))
     frame = simulate(made, *POSE, seed=1)
     fix = Localizer([TAPE]).locate(frame)
-    assert not fix.located and fix.reason is not None and fix.reason.endswith("make the kit with --rotation 135")
+    assert not fix.located and fix.reason is not None and fix.reason.endswith("make the kit with a rotation of 135 deg")
     assert is_near(Localizer([made]).locate(frame), *POSE, mm=0.01, deg=0.1)
 
 
