@@ -25,6 +25,10 @@ from tactape_fab.texture.tape import Tape
 _KNOT_MM = 0.25
 """Distance of the knots of a line shift: half the height of a part, so that a part sees what its own lines do."""
 _LEAST_SITES = 40
+_UNREFINED_MM = 0.02
+"""Scatter and common error of lands that a warp by the tag or the parts alone has, where too few lands are seen to refine it."""
+_LEAST_CONTRAST = 20.0
+"""Least difference of metal from film, of 255, that samples are counted in: in a grey scan both may be equally bright."""
 _SMOOTH = 0.02
 _FILM_PX_PER_MM = 40.0
 _PASSES = 2
@@ -33,10 +37,14 @@ _CENTRINGS = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmFit:
-    """The warp fitted to the lands; ``sigma_mm`` is the robust scatter of their residuals along each axis."""
+    """The warp fitted to the lands.
+
+    ``sigma_mm`` is the robust scatter of their residuals, ``common_mm`` the error of all of them together, along each axis.
+    """
 
     warp: Warp
     sigma_mm: float
+    common_mm: float = 0.0
 
 
 def fit_film(picture: Picture, warp: Warp, tape: Tape, palette: Palette, inside: BoolArray) -> FilmFit:
@@ -57,7 +65,7 @@ def fit_film(picture: Picture, warp: Warp, tape: Tape, palette: Palette, inside:
         template = learn_template(channels, beyond)
         at, seen = (np.concatenate(both) for both in zip(*_lands(channels, template, grid, warp, sites, axes), strict=True))
         if len(at) < 2 * _LEAST_SITES:
-            return FilmFit(warp=warp, sigma_mm=0.02)
+            return FilmFit(warp=warp, sigma_mm=_UNREFINED_MM, common_mm=_UNREFINED_MM)
         warp, left = refined(warp, at, seen)
         sigma_mm = 1.4826 * float(np.median(np.abs(left))) / warp.px_per_mm
     return FilmFit(warp=shifted(warp, symmetry_offset(template.value[0], grid, beyond), axes), sigma_mm=sigma_mm)
@@ -86,7 +94,8 @@ def _channel(samples: Samples, palette: Palette) -> Samples:
     """The colour channel in which metal differs most from film, film at 0 and metal at 1; (n, 1, m)."""
     apart = palette.metal - palette.film
     best = int(np.argmax(np.abs(apart)))
-    return ((samples[..., best] - np.float32(palette.film[best])) / np.float32(apart[best]))[:, None]
+    unit = np.copysign(max(abs(apart[best]), _LEAST_CONTRAST), apart[best])
+    return ((samples[..., best] - np.float32(palette.film[best])) / np.float32(unit))[:, None]
 
 
 def _moved(warp: Warp, board_mm: FloatArray, moved_mm: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_path import as_path
-from tactape_fab.sense.inspect.bodies import COVERED, Bodies, fit_bodies
+from tactape_fab.sense.inspect.bodies import Bodies, fit_bodies
 from tactape_fab.sense.inspect.colours import Palette, learn_palette
 from tactape_fab.sense.inspect.film import fit_film
 from tactape_fab.sense.inspect.foreign import find_foreign
@@ -196,12 +196,12 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
         differs = _end_difference(view.picture, film.warp, tape, palette, sites[gone])
         upright[gone] = (bodies.area[gone] > _UPRIGHT_AREA) | (differs > _UPRIGHT_DIFFERENCE)
     foreign = find_foreign(view.picture, film.warp, tape, palette, (sites + bodies.shift_mm)[there], bodies.turn_deg[there])
-    growth, common_mm = None, 0.0
+    growth, common_mm = None, film.common_mm
     if photo:
         alone = bodies
-        bodies, growth = without_parallax(alone, sites, there & (alone.misfit <= COVERED))
+        bodies, growth = without_parallax(alone, sites, there & ~alone.covered)
         # the correction also removes the placement's own mean and growth, an error common to all parts
-        common_mm = float(np.sqrt((bodies.sigma_mm**2 - alone.sigma_mm**2).mean()))
+        common_mm = float(np.hypot(common_mm, np.sqrt((bodies.sigma_mm**2 - alone.sigma_mm**2).mean())))
     return _Measured(
         view=view,
         warp=film.warp,
@@ -280,7 +280,7 @@ def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: flo
         turn[at] += w * (m.bodies.turn_deg + 180.0 * halves)
         there[at] |= present
         upright[at] |= m.upright
-        clear[at] |= m.bodies.misfit <= COVERED
+        clear[at] |= ~m.bodies.covered
     safe = np.maximum(weight, 1e-12)
     foreign = np.concatenate([m.foreign_mm for m in measured])
     return Inspection(

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 from tactape_fab.sense.inspect import bodies
-from tactape_fab.sense.inspect.bodies import COVERED, _State, fit_bodies
+from tactape_fab.sense.inspect.bodies import _State, fit_bodies
 from tactape_fab.sense.inspect.colours import Palette, _axis
 from tactape_fab.sense.inspect.warp import Warp, affine_warp
 from tactape_fab.texture.frames import FloatArray
@@ -96,7 +96,8 @@ def test_bodies_are_found_to_a_micrometre_whatever_their_metal_ends() -> None:
     # a speck is no part
     assert found.area[gone] < 0.1 and found.misfit[gone] == np.inf and np.abs(found.shift_mm[gone]).max() < 0.003
     # as far as the colour says
-    assert found.misfit[hidden] > COVERED and found.sigma_mm[hidden] == 0.1 and found.turn_deg[hidden] == 0.0
+    assert np.flatnonzero(found.covered).tolist() == [gone, hidden]
+    assert found.sigma_mm[hidden] == 0.1 and found.turn_deg[hidden] == 0.0
     assert np.abs(off[hidden]).max() < 0.02
     # too few to learn from what a part looks like
     few = fit_bodies(picture, warp, TAPE, palette, sites[:19])

@@ -96,6 +96,15 @@ def test_metal_is_1_and_film_0_in_the_channel_that_tells_them_best() -> None:
     assert _channel(samples, palette) == pytest.approx(np.array([[[1.0, 0.0, 0.5]]]))
 
 
+@pytest.mark.parametrize("apart", [0.0, 2.0, -2.0])
+def test_metal_about_as_bright_as_film_is_counted_in_a_fixed_unit(apart: float) -> None:
+    """A grey scan of solder and amber film: samples over no difference were NaN, no land was followed, and places 13 um off."""
+    film = np.full(3, 160.0)
+    palette = Palette(body=np.full(3, 30.0), metal=film + apart, film=film, body_axis=np.zeros(4))
+    found = _channel(np.array([[film, film + 20.0, film - 10.0]], dtype=np.float32), palette)
+    assert np.abs(found).ravel().tolist() == pytest.approx([0.0, 1.0, 0.5])
+
+
 def test_lands_say_where_the_film_is_wherever_the_parts_are() -> None:
     """Drawn lands of 12 x 10 parts, seen with a warp that is 0.04 mm and 0.2 % off; parts are 0.05 mm beside their lands."""
     rng, tape, fine = np.random.default_rng(1), tape_at(7, (12, 10)), 4
@@ -120,4 +129,4 @@ def test_lands_say_where_the_film_is_wherever_the_parts_are() -> None:
     assert np.sqrt((off_px**2).mean()) < 0.1 and np.abs(off_px.mean(axis=0)).max() < 0.03
     assert 0.0 < found.sigma_mm < 0.003
     few = fit_film(picture, start, tape, palette, np.arange(len(places)) < 30)
-    assert few.warp is start and few.sigma_mm == 0.02
+    assert few.warp is start and few.sigma_mm == few.common_mm == 0.02
