@@ -143,14 +143,9 @@ def _legend(contact: Contact, trips: Sequence[Trip]) -> list[tuple[float | int, 
         WRONG: "located elsewhere: wrong",
     }
     for outcome, text in words.items():
-        count = sum(trip.count(outcome) for trip in trips)
-        if count:
-            rows.append(
-                (
-                    int(outcome),
-                    f"{text} ({count} contact{'s' * (count > 1)}; parts from {', '.join(trip.source for trip in trips)})",
-                )
-            )
+        sources = {trip.source: trip.count(outcome) for trip in trips if trip.count(outcome)}
+        if count := sum(sources.values()):
+            rows.append((int(outcome), f"{text} ({count} contact{'s' * (count > 1)}; parts from {', '.join(sources)})"))
     return rows
 
 
