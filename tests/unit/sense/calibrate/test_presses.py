@@ -2,21 +2,65 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from tactape_fab.sense import simulate
-from tactape_fab.sense.calibrate.presses import located
+import numpy as np
+import pytest
+
+from tactape_fab.sense import Scene, simulate
+from tactape_fab.sense.calibrate.presses import interior, located
 from tests.measured import measured
 from tests.unit.sense.calibrate.sensors import TAPE, TRUE, off_mm, presses
 
 
 def test_dots_of_a_press_are_at_the_parts_that_they_name() -> None:
     made = presses()
-    found, answers = located(made.frames[:3], [TAPE], TRUE)
-    assert [press.frame for press in found] == [0, 1, 2] and all(fix.located for fix in answers)
+    told = list[tuple[int, int]]()
+    empty = np.zeros_like(made.frames[0])
+    found, answers = located([*made.frames[:2], empty, made.frames[2]], [TAPE], TRUE, lambda *words: told.append(words))
+    assert [press.frame for press in found] == [0, 1, 3] and [fix.located for fix in answers] == [True, True, False, True]
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     for press, pose in zip(found, made.poses, strict=False):
         assert press.tape == TAPE.name and 0.15 < press.weights.min() <= press.weights.max() <= 1.0
-        assert np.median(np.hypot(*off_mm(press, pose).T)) < 0.03
+        off = np.hypot(*off_mm(press, pose).T)
+        assert np.median(off) < 0.03 and off.max() < 0.2
+        assert 0.3 < press.interior.mean() < 0.9
+        moved = press.at(np.array([1.0, 2.0, 0.5, 9.0]))
+        assert (moved.position_mm, moved.theta_rad, moved.frame) == ((1.0, 2.0), 0.5, press.frame)
+
+
+def test_dots_on_no_part_and_those_at_the_image_s_sides_do_not_count() -> None:
+    """A film that has parts where the tape has none, in a corner of the image, whose sides cut dots."""
+    gone = np.array([(x, y) for x in (20, 21, 22) for y in (10, 11)])
+    scene = Scene(contact_mm=(12.0, 10.0), contact_offset_mm=(6.5, 4.0))
+    frame = simulate(TAPE, (24.5, 12.0), 0.0, sensor=TRUE, scene=scene, seed=4)
+    (press,), (fix,) = located([frame], [replace(TAPE, omitted=gone)], TRUE)
+    assert fix.dots is not None
+    on_part = fix.dots.cell[:, 0] >= 0
+    assert np.count_nonzero(~on_part) >= 4 and len(press.weights) <= np.count_nonzero(on_part)
+    cells = np.rint(press.texture_mm / TAPE.pitch_mm)
+    assert np.abs(press.texture_mm - cells * TAPE.pitch_mm).max(axis=1) == pytest.approx(TAPE.displacement_mm)
+    from_side_px = np.minimum(press.seen_px, 2.0 * np.array(TRUE.centre_px) - press.seen_px).min(axis=1)
+    assert from_side_px[~press.interior].min() < 10.0 < from_side_px[press.interior].min()
+
+
+def test_dots_with_others_on_all_sides_are_inner() -> None:
+    at = np.array([(x, y) for y in range(6) for x in range(7)], dtype=float) * 1.5
+    column, row = np.rint(at / 1.5).astype(int).T
+    amid = (column > 0) & (column < 6) & (row > 0) & (row < 5)
+    corner = np.isin(column, (0, 6)) & np.isin(row, (0, 5))
+    found = interior(at, np.ones(len(at), dtype=bool), 1.6 * 1.5)
+    assert found[amid].all() and not found[corner].any()
+    # those that do not count are no neighbours: without a column, there are four more corners
+    of = column != 3
+    found = interior(at, of, 1.6 * 1.5)
+    corner |= np.isin(column, (2, 4)) & np.isin(row, (0, 5))
+    assert not found[corner].any() and found[amid & np.isin(column, (1, 5))].all()
+    # where fewer than twelve are amid others, all count: those are as many as sit on four sides and inside them
+    for columns, rows in ((4, 3), (4, 4), (5, 4)):
+        few = at[(column < columns) & (row < rows)]
+        amid_n = len(few) - 4
+        assert np.count_nonzero(interior(few, np.ones(len(few), dtype=bool), 1.6 * 1.5)) == (len(few) if amid_n < 12 else amid_n)
 
 
 def test_parts_that_were_measured_are_where_they_stand() -> None:

@@ -12,10 +12,11 @@ from tactape_fab.sense import calibrate_sensor
 from tactape_fab.sense.calibrate.presses import Press, located
 from tactape_fab.sense.calibrate.refined import refined
 from tactape_fab.sense.calibrate.relief import find_relief
+from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 from tests.thorough import only_thorough
-from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, off_mm, presses
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, off_mm, pressed, presses
 
 
 def centred_mm(press: Press, pose: FloatArray) -> FloatArray:
@@ -34,6 +35,20 @@ def test_pixels_place_dots_better_than_the_detector() -> None:
         1000 * np.sqrt(np.mean(np.concatenate([centred_mm(p, made.poses[p.frame]) for p in some]) ** 2)) for some in (found, fine)
     )
     assert fine_um < 0.8 * rough_um < 8.0 and fine_um < 5.0
+
+
+def test_pixels_that_are_averaged_first_place_dots_as_well() -> None:
+    """A camera of twice as many pixels, whose middles are half a pixel off those of its blocks."""
+    doubled = replace(TRUE, width_px=640, height_px=480, px_per_mm=(30.0, 30.0))
+    made = pressed(doubled, 2, 1, (5.0, 3.5), 20.0)
+    found, _ = located(made.frames, [TAPE], doubled)
+    fine = refined(made.frames, found, doubled, [TAPE])
+    assert pixel_fit(doubled).factor == 2 and len(fine) == 2
+    for press, rough in zip(fine, found, strict=True):
+        # the same dots, by both ways to look at them
+        to_px = press.seen_px[:, None] - rough.seen_px
+        apart_px = to_px[np.arange(len(to_px)), np.hypot(*to_px.transpose(2, 0, 1)).argmin(axis=1)]
+        assert np.abs(np.median(apart_px, axis=0)).max() < 0.15 and np.abs(apart_px).max() < 1.0
 
 
 @pytest.mark.parametrize("part", [replace(TAPE.part, shape="dome"), replace(TAPE.part, body_mm=(2.0, 1.2, 0.4))])

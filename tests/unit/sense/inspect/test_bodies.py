@@ -105,6 +105,20 @@ def test_bodies_are_found_to_a_micrometre_whatever_their_metal_ends() -> None:
     assert np.abs((few.shift_mm - shift[:19])[np.arange(19) != gone]).max() < 0.02
 
 
+def test_parts_beside_those_that_are_learned_from_are_found_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many parts evenly chosen ones make the template, and the others are fitted to it."""
+    monkeypatch.setattr(bodies, "_MOST_LEARNED", 21)
+    rng = np.random.default_rng(0)
+    shift, turn = rng.normal(0.0, 0.03, (TAPE.part_count, 2)), rng.normal(0.0, 3.0, TAPE.part_count)
+    picture, warp, sites = drawn(shift, turn, METAL)
+    palette = Palette(body=BODY, metal=METAL, film=FILM, body_axis=_axis(BODY, METAL, FILM))
+    found = fit_bodies(picture, warp, TAPE, palette, sites)
+    others = np.arange(TAPE.part_count) % 2 == 1
+    off = found.shift_mm - shift
+    assert np.abs(off).max() < 0.003 and np.abs(np.median(off[others], axis=0)).max() < 6e-4
+    assert found.turn_deg == pytest.approx(turn - np.median(turn), abs=0.3) and (found.misfit < 1.2).all()
+
+
 def test_where_metal_looks_like_film_bodies_are_less_sure_along_them() -> None:
     """Nothing but the inner edges of the metal is left there, both of which scatter by 10 um: 7 um along, 1 um across."""
     rng = np.random.default_rng(0)

@@ -1,14 +1,21 @@
-"""Parts that a contact should have shown: amid dots, and nowhere else."""
+"""Dots of a contact at the parts that they name, and parts that it should have shown: amid dots, and nowhere else."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from tactape_fab.sense.survey.contacts import _unseen, ground_of
+from tactape_fab import Localization, Localizer
+from tactape_fab.sense.decode.grid.posterior import RIM_MM
+from tactape_fab.sense.decode.result import LocatedDots
+from tactape_fab.sense.survey.contacts import LEAST_DOTS, _unseen, contact_of, ground_of
+from tactape_fab.texture.frames import BoolArray, IntArray
 from tests.tapes import tape_at
+from tests.unit.sense.calibrate.sensors import TAPE as PRESSED
+from tests.unit.sense.calibrate.sensors import TRUE, presses
 
 TAPE = tape_at(7, (6, 5))
 GRID = {(x, y) for x in range(6) for y in range(5)}
@@ -49,3 +56,56 @@ def test_the_ground_has_each_part_at_its_design_s_place() -> None:
     for number, (column, row) in enumerate(TAPE.cells().tolist()):
         assert ground.part_at[row, column] == number
         assert np.hypot(*(ground.nominal_mm[number] - np.array([column, row]) * 1.5)) == pytest.approx(0.25)
+
+
+GROUND = ground_of(PRESSED)
+
+
+@cache
+def located(frame: int) -> Localization:
+    """The answer to a press of a sensor whose camera is not perfect."""
+    return Localizer(PRESSED, TRUE).locate(presses().frames[frame])
+
+
+@pytest.mark.parametrize("frame", range(3))
+def test_dots_of_a_contact_are_at_the_parts_that_they_name(frame: int) -> None:
+    fix, depth = located(frame), presses().frames[frame]
+    contact = contact_of(frame, depth, fix, GROUND, TRUE, GROUND.nominal_mm)
+    assert contact is not None and contact.frame == frame and fix.dots is not None
+    x, y, theta = presses().poses[frame] * (1.0, 1.0, np.pi / 180.0)
+    assert contact.start == pytest.approx([x, y, theta], abs=0.01)
+    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    on_gel = TRUE.camera.from_px(contact.seen_px) - TRUE.camera.from_px(TRUE.centre_px)
+    off = on_gel - (GROUND.nominal_mm[contact.part] - (x, y)) @ turn.T
+    assert np.hypot(*off.T).max() < 0.12 and np.abs(np.median(off, axis=0)).max() < 0.01
+    assert len(contact.part) >= np.count_nonzero(fix.dots.inlier) - 2
+    # own is 1 / sqrt(weight), of which both variances are made
+    weights = contact.own**-2.0
+    assert 0.15 < weights.min() < 0.97 and weights.max() == pytest.approx(1.0)
+    assert contact.rim_mm2 == pytest.approx(RIM_MM**2 * (1.0 - weights) ** 1.75)
+    # a press of 9 x 8 mm in which no part is missing
+    assert len(contact.expected) == 0
+
+
+def test_a_contact_of_few_or_doubtful_dots_is_none() -> None:
+    fix, depth = located(0), presses().frames[0]
+    assert fix.dots is not None
+    dots = LocatedDots(**{field.name: getattr(fix.dots, field.name) for field in fields(LocatedDots)})
+    sure = np.flatnonzero(dots.inlier)
+
+    def parts(**changes: BoolArray | IntArray) -> int | None:
+        changed = replace(fix, dots=replace(dots, **changes))  # type: ignore[arg-type]
+        found = contact_of(0, depth, changed, GROUND, TRUE, GROUND.nominal_mm)
+        return None if found is None else len(found.part)
+
+    of = np.zeros_like(dots.inlier)
+    of[sure[:LEAST_DOTS]] = True
+    assert parts(inlier=of) == LEAST_DOTS
+    of[sure[0]] = False
+    assert parts(inlier=of) is None
+    # two dots on one part
+    twice = dots.cell.copy()
+    twice[sure[0]] = twice[sure[1]]
+    assert parts(cell=twice) is None
+    # an answer that has not the dots that are detected here
+    assert parts(cell=dots.cell[:-1]) is None
