@@ -36,9 +36,7 @@ def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
     for pattern in _pieces(expected, made, dashes=" Short dashes: " in words):
         found = re.compile(f" {pattern}(?= )").match(words, at)
         if found is None:
-            # the text before a group or an escaped character is fixed, and identifies the pattern
-            fixed = re.split(r"[\\(\[]", pattern)[0].strip()
-            return [f"it says {quoted(words[at : at + 80].strip())} where {quoted(fixed)} should stand and go on"]
+            return [f"it says {quoted(words[at : at + 80].strip())} where {quoted(_fixed(pattern))} should stand and go on"]
         at = found.end()
     drawn = np.array(_HOLE.findall(words), dtype=np.float64).reshape(-1, 3)[:, [1, 2, 0]]
     holes = np.array(expected.holes, dtype=np.float64).reshape(-1, 3)
@@ -53,6 +51,12 @@ def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
     return [*(["it says more than it should"] if words[at:] != " " else []), *(["its holes are not the kit's"] if wrong else [])]
 
 
+def _fixed(pattern: str) -> str:
+    """The fixed text that a pattern begins with; of alternatives the first."""
+    text = re.sub(r"\(\?:([^|()]*)\|[^()]*\)", r"\1", pattern)
+    return re.sub(r"\\(.)", r"\1", re.split(r"(?<!\\)[\[(]|\\d", text)[0]).strip()
+
+
 def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     """Patterns of the words in their order, to be joined by blanks; only figures that are not recorded are free."""
     tape, pads, count = made.tape, made.record.lands.pads, len(expected.parts_xy_mm)
@@ -60,7 +64,7 @@ def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     order, radius_mm = made.record.order, made.radius_mm
     length, width, height = (f"{side:g}" for side in tape.part.body_mm)
     # drawings before the first release called a solder mask coverlay as well
-    mask = f"(?:coverlay|{'solder mask' if order is None else re.escape(order.mask)})"
+    mask = f"(?:{'solder mask' if order is None else re.escape(order.mask)}|coverlay)"
     tapes, (wide, high) = r"(?:\d+ )*?" * made.on_panel, expected.size_mm
     yield f"OUTLINE, seen from the parts' side {tapes}{wide:g} {high:g}"
     if not made.on_panel:
