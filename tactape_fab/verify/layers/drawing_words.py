@@ -57,6 +57,11 @@ def _fixed(pattern: str) -> str:
     return re.sub(r"\\(.)", r"\1", re.split(r"(?<!\\)[\[(]|\\d", text)[0]).strip()
 
 
+def _opened(made: Made, window: str, each: str) -> str:
+    """Pattern of words about the openings; tapes of a panel may differ in them."""
+    return f"(?:{each}|{window})" if made.on_panel else window if made.record.film.mode == "gang" else each
+
+
 def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     """Patterns of the words in their order, to be joined by blanks; only figures that are not recorded are free."""
     tape, pads, count = made.tape, made.record.lands.pads, len(expected.parts_xy_mm)
@@ -77,7 +82,8 @@ def _pieces(expected: Shown, made: Made, *, dashes: bool) -> Iterator[str]:
     yield rf"Circle: land 1. Each part stands {tape.displacement_mm:.4g} {ways} of its grid point: do not align them\."
     first_deg = float(expected.rotation_deg[0])
     yield rf"B: one part {f'{first_deg:g}[?] ' * (first_deg > 0)}1 {length}"
-    yield rf"Body {length} x {width} x {height}; (?:one window in the {mask} for all parts|{mask} opening {opening});"
+    openings = _opened(made, f"one window in the {mask} for all parts", f"{mask} opening {opening}")
+    yield f"Body {length} x {width} x {height}; {openings};"
     yield rf"lands {pads.size_mm[0]:g} x {pads.size_mm[1]:g}, centres at \?{pads.offset_mm:g} from the part's\."
     angles = sorted(set(expected.rotation_deg.tolist()))
     turned = " or ".join(f"{angle:g}[?]" for angle in angles)
@@ -119,9 +125,10 @@ def _layers(count: int, mask: str, opening: str, height: str, made: Made) -> Ite
         )
     )
     yield rf"legend (?:none|{text(legend)}, lines of {line} or more)"
-    openings = f"{count} openings of {opening}, never merged|one opening for all parts|"
-    openings += "opened for all parts of a tape, or for each part: as drawn" * made.on_panel
-    yield rf"{mask} {text(colour)}; (?:{openings.strip('|')})"
+    openings = _opened(made, "one opening for all parts", f"{count} openings of {opening}, never merged")
+    if made.on_panel:
+        openings = f"(?:{openings}|opened for all parts of a tape, or for each part: as drawn)"
+    yield f"{mask} {text(colour)}; {openings}"
     yield rf"copper {text(copper)} \?m, one layer, {text(finish)}; least spacing {_F}"
     yield rf"base {text(base)}; film {text(film)} thick in all"
     stiffener, adhesive = backings.get("stiffener-bottom"), backings.get("adhesive-bottom")
@@ -141,15 +148,19 @@ def _notes(angles_deg: Sequence[float], mask: str, made: Made, *, dashes: bool) 
     if length != width:
         leans = " or, on turned tapes, ".join(re.escape(lean(angle)) for angle in angles_deg)
         yield f"Seen from above, every part leans like this: {leans}"
-    anchored = rf"Copper runs on from (?:some|the) pads under the {mask} to hold them: it is no track\."
-    yield rf"3\. The parts carry no signal: no nets, no electrical test\. (?:Pads stand alone on purpose\.|{anchored})"
+    alone, anchored = r"Pads stand alone on purpose\.", rf"pads under the {mask} to hold them: it is no track\."
+    if made.on_panel:
+        alone = rf"(?:{alone}|Copper runs on from (?:some|the) {anchored})"
+    elif made.record.film.anchor is not None:
+        alone = f"Copper runs on from the {anchored}"
+    yield rf"3\. The parts carry no signal: no nets, no electrical test\. {alone}"
     where = "only in the rails, better none" if made.on_panel else "only within the short dashes, better none"
     number = where if dashes or made.on_panel else "none on the tape"
     yield rf"Either land may be land 1\. 4\. Order numbers and date codes: {number}\."
     yield r"In the field no logo, fiducial, hole, coupon or copper\."
     merged = rf"Openings of the {mask} are not merged\. Ask before a bridge between two of them is changed\."
     some = rf"(?:The {mask} differs from tape to tape, on purpose\. )?" * made.on_panel
-    yield rf"5\. (?:The {mask} has one opening for all parts, on purpose\.|{some}{merged})"
+    yield r"5\. " + _opened(made, rf"The {mask} has one opening for all parts, on purpose\.", some + merged)
     yield r"6\. Outline and holes: the fab's own tolerances\. Parts: as near to their place as the line can\."
     yield r"A missing, standing or turned part is a fault\."
 

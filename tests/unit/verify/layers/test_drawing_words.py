@@ -66,6 +66,21 @@ def test_words_of_a_kit_are_its_manifest_s(name: str) -> None:
         ),
         ("All parts turned 45?", "Parts, tape by tape, turned 45?", "where 'All parts turned 45' should"),
         ("R_0201_0603Metric, height", "R_0402_1005Metric, height", "where 'LAYERS, from the top parts"),
+        (
+            "661 openings of 1.2 x 0.5, never merged",
+            "one opening for all parts",
+            "where 'coverlay amber; 661 openings of 1.2 x 0.5, never merged' should",
+        ),
+        (
+            "coverlay opening 1.2 x 0.5",
+            "one window in the coverlay for all parts",
+            "where 'Body 0.6 x 0.3 x 0.23; coverlay opening 1.2 x 0.5;' should",
+        ),
+        (
+            "Openings of the coverlay are not merged. Ask before",
+            "The coverlay has one opening for all parts, on purpose. Ask before",
+            "where '5. Op",
+        ),
         ("copper 18 ?m", "copper 35 ?m", "where 'copper 18 ?m, one layer, ENIG; least spacing' should"),
         ("ENIG", "HASL", "where 'copper 18 ?m, one layer, ENIG; least spacing' should"),
         ("least spacing 0.18", "least spacing 0.181", ""),
@@ -85,6 +100,11 @@ def test_words_of_a_kit_are_its_manifest_s(name: str) -> None:
         ("x 2.000 y 3.000", "x 2.000 y 28.000", "its holes are not the kit's"),
         ("leans like this: /", "leans like this: |", "where 'Seen from above, every part leans like this: /' should"),
         ("file are counter-clockwise", "file are clockwise", "where '2"),
+        (
+            "Pads stand alone on purpose.",
+            "Copper runs on from the pads under the coverlay to hold them: it is no track.",
+            "where '3. The",
+        ),
         ("Pads stand alone on purpose. ", "", "where '3"),
         (
             "date codes: none on the tape.",
@@ -104,6 +124,32 @@ def test_a_word_that_differs_is_named(old: str, new: str, says: str) -> None:
     assert old in words
     said = "; ".join(word_problems(words.replace(old, new, 1), expected, made))
     assert bool(said) == bool(says) and says in said, said
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("one window", "one window in the coverlay for all parts", "coverlay opening 1.2 x 0.5"),
+        ("one window", "; one opening for all parts copper", "; 561 openings of 1.2 x 0.5, never merged copper"),
+        (
+            "one window",
+            "The coverlay has one opening for all parts, on purpose.",
+            "Openings of the coverlay are not merged. Ask before a bridge between two of them is changed.",
+        ),
+        (
+            "anchored",
+            "Copper runs on from the pads under the coverlay to hold them: it is no track.",
+            "Pads stand alone on purpose.",
+        ),
+        ("anchored", "Copper runs on from the pads", "Copper runs on from some pads"),
+    ],
+)
+def test_words_of_another_film_are_refused(name: str, old: str, new: str) -> None:
+    """They ask the fab to merge openings, or to keep them apart, or to remove copper, against the layers."""
+    words, expected, made = written(name)
+    assert old in words
+    (said,) = word_problems(words.replace(old, new), expected, made)
+    assert "should stand and go on" in said
 
 
 def test_words_that_are_of_one_kind_of_kit_are_asked_of_it() -> None:
