@@ -325,9 +325,12 @@ def _check_centres(tape: Tape, centres: list[list[float]], cpl: CplContent) -> C
         return Check(name=name, passed=False, message=message)
     row, distance = nearest(parts[:, :2], point_tree(cpl.xy_mm))
     off = distance + np.abs(parts[:, 2] - tape.part.body_mm[2] / 2)
-    passed = len(np.unique(row)) == len(row) and off.max() <= PLACE_TOLERANCE_MM
-    message = f"centres of {len(parts)} solids within {off.max() * 1e6:.1f} nm of the CPL"
-    return Check(name=name, passed=passed, message=message, figure=float(off.max() * 1000), unit="um")
+    worst_mm = float(off.max())
+    problems = [] if len(np.unique(row)) == len(row) else ["two solids are nearest to one row of the CPL"]
+    if not worst_mm <= PLACE_TOLERANCE_MM:
+        problems.append(f"the centre of a solid is {worst_mm * 1000:.2f} um off its CPL row")
+    message = "; ".join(problems) or f"centres of {len(parts)} solids within {worst_mm * 1e6:.1f} nm of the CPL"
+    return Check(name=name, passed=not problems, message=message, figure=worst_mm * 1000, unit="um")
 
 
 # Meshes
@@ -340,15 +343,17 @@ def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplC
     checks = []
     for role in ("stl", "3mf"):
         run = _run([program, "--info", str(paths[role])], _limits([paths[role]]))
-        text = run if isinstance(run, str) else run.stdout
-        found = dict(re.findall(r"^(\w+) =\s*(\S+)", text, re.MULTILINE))
+        if isinstance(run, str):
+            checks.append(Check(name=f"{role} by PrusaSlicer", passed=False, message=run))
+            continue
+        found = dict(re.findall(r"^(\w+) =\s*(\S+)", run.stdout, re.MULTILINE))
         volume = float(found.get("volume", "nan"))
         problems = [] if found.get("manifold") == "yes" else ["it is not manifold"]
         if found.get("number_of_parts") != str(expected.bodies):
             problems.append(f"{found.get('number_of_parts', 'no')} parts instead of {expected.bodies}")
         if not abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3:
             problems.append(f"its volume is {volume:.3f} mm3, not {expected.volume_mm3:.3f}")
-        message = "; ".join(problems) or f"manifold, one part, {volume:.3f} mm3"
+        message = "; ".join(problems) or f"manifold, {_count(expected.bodies, 'part', 'parts')}, {volume:.3f} mm3"
         checks.append(Check(name=f"{role} by PrusaSlicer", passed=not problems, message=message, figure=volume, unit="mm3"))
     return checks
 
@@ -358,10 +363,19 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
     if "error" in found:
         return [Check(name="stl by trimesh", passed=False, message=str(found["error"]))]
     watertight, consistent, bodies, volume = found[str(paths["stl"])]
-    near = abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3
-    passed = watertight and consistent and bodies == expected.bodies and near
-    message = f"{'' if watertight else 'not '}watertight, {bodies} bod{'y' if bodies == 1 else 'ies'}, {volume:.3f} mm3"
-    return [Check(name="stl by trimesh", passed=passed, message=message, figure=float(volume), unit="mm3")]
+    problems = [] if watertight else ["it is not watertight"]
+    if not consistent:
+        problems.append("neighbouring triangles face opposite ways")
+    if bodies != expected.bodies:
+        problems.append(f"{_count(bodies, 'body', 'bodies')} instead of {expected.bodies}")
+    if not abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3:
+        problems.append(f"its volume is {volume:.3f} mm3, not {expected.volume_mm3:.3f}")
+    message = "; ".join(problems) or f"watertight, {_count(bodies, 'body', 'bodies')}, {volume:.3f} mm3"
+    return [Check(name="stl by trimesh", passed=not problems, message=message, figure=float(volume), unit="mm3")]
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 _READERS: dict[str, _Reader] = {"FreeCAD": _freecad, "OCCT": _occt, "trimesh": _trimesh, "PrusaSlicer": _slicer}
