@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from tactape_fab import SpecError
 from tactape_fab.sense import Scene, SensorProfile, calibrate_sensor, iterate_frames
-from tactape_fab.sense.calibrate.first_frames import look_at_frames
+from tactape_fab.sense.calibrate.first_frames import _named, _of_values, look_at_frames
 from tactape_fab.sense.calibrate.orientation import fitted_size
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
@@ -86,7 +87,7 @@ def test_faults_of_the_frames_are_named() -> None:
     blind = [np.where(np.arange(320) < 40, 0.0, f).astype(np.float32) for f in frames]
     assert "different values: 8 bits are too coarse for dots" in said(coarse)
     assert "10 % of a frame's pixels have its largest value: depth is cut off" in said(cut)
-    assert "12.5 % of the pixels never change: blind ones belong into a mask" in said(blind)
+    assert said(blind).startswith("12.5 % of the pixels never change: blind ones belong into a mask")
     masked = replace(TRUE, mask=np.broadcast_to(np.arange(320) >= 40, (240, 320)))
     assert "never change" not in said(blind, masked)  # they are in one
     above = [np.where(np.arange(320) < 40, 9.0, f).astype(np.float32) for f in frames]
@@ -115,3 +116,27 @@ def test_another_tape_is_named_by_the_decoder() -> None:
     other = replace(TAPE, pitch_mm=5.0, displacement_mm=0.8)
     found = look_at_frames(good(), [other], TRUE)
     assert "no sign, mirror or px/mm shows the tape" in " ".join(found.wrong)
+
+
+def test_reasons_that_differ_in_numbers_alone_are_one() -> None:
+    reasons = Counter({"12 of 40 dots agree": 2, "13 of 41 dots agree": 3, "another tape": 4, "few dots": 1, "no grid": 1})
+    assert _named(reasons) == [("13 of 41 dots agree", 5), ("another tape", 4), ("few dots", 1)]
+
+
+def test_values_of_whole_frames_are_looked_at() -> None:
+    """Noise of one frame that repeats, of 256 and of 257 values, with 1 % and more of its pixels at the largest value."""
+    rng = np.random.default_rng(1)
+    noise = [rng.permutation(10_000).reshape(100, 100).astype(np.float32) for _ in range(4)]
+    assert _of_values(noise, None) == []
+    assert "2 frames are the same as the one before" in _of_values([noise[0], *noise[1:2] * 3, noise[2]], None)[0]
+    for values, coarse in ((256, True), (257, False)):
+        of = [np.minimum(frame, values - 1) for frame in noise]
+        assert any(f"at most {values} different values" in line for line in _of_values(of, None)) == coarse
+    for most, cut_off in ((9_900, False), (9_899, True), (7_999, True)):
+        found = _of_values([np.minimum(frame, most) for frame in noise], None)
+        assert bool(found) == cut_off
+    assert found[0].startswith("up to 20 % of a frame's pixels have its largest value")
+    # of pixels that carry depth alone, and not of frames that are refused
+    seen = noise[0] < 8_000
+    assert _of_values([np.where(seen, noise[0], 9_999)], seen) == []
+    assert _of_values([*noise, np.full((100, 100), np.nan, dtype=np.float32)], None) == []

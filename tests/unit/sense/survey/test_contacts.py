@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from tactape_fab import Localization, Localizer
+from tactape_fab.sense import simulate
+from tactape_fab.sense.decode.dots.rim import settled
+from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
 from tactape_fab.sense.decode.grid.posterior import RIM_MM
 from tactape_fab.sense.decode.result import LocatedDots
+from tactape_fab.sense.survey import contacts
 from tactape_fab.sense.survey.contacts import LEAST_DOTS, _unseen, contact_of, ground_of
 from tactape_fab.texture.frames import BoolArray, IntArray
 from tests.tapes import tape_at
@@ -85,6 +89,23 @@ def test_dots_of_a_contact_are_at_the_parts_that_they_name(frame: int) -> None:
     assert contact.rim_mm2 == pytest.approx(RIM_MM**2 * (1.0 - weights) ** 1.75)
     # a press of 9 x 8 mm in which no part is missing
     assert len(contact.expected) == 0
+
+
+def test_dots_count_by_their_height_and_their_trust(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the tape's left edge, whose parts are of column 0."""
+    depth = simulate(PRESSED, (4.0, 20.0), 10.0, sensor=TRUE, contact_mm=(9.0, 8.0), seed=1)
+    fix = Localizer(PRESSED, TRUE).locate(depth)
+    assert fix.dots is not None and fix.located
+    heights, trust = np.linspace(0.05, 1.6, len(fix.dots.cell)), np.tile((1.0, 0.8), len(fix.dots.cell))[: len(fix.dots.cell)]
+    monkeypatch.setattr(contacts, "settled", lambda *words: replace(settled(*words), weights=heights, trust=trust))
+    contact = contact_of(0, depth, fix, GROUND, TRUE, GROUND.nominal_mm)
+    assert contact is not None
+    weights = np.minimum(heights * trust, 1.0)
+    used = fix.dots.inlier & (weights > LEAST_WEIGHT)
+    assert contact.own == pytest.approx(weights[used] ** -0.5)
+    assert 0 in PRESSED.cells()[contact.part, 0] and contact.part.tolist() == [
+        GROUND.part_at[row, column] for column, row in fix.dots.cell[used].tolist()
+    ]
 
 
 def test_a_contact_of_few_or_doubtful_dots_is_none() -> None:
