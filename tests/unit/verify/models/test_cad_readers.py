@@ -271,7 +271,12 @@ def test_a_program_that_does_not_end_or_does_not_start_is_said(monkeypatch: pyte
     monkeypatch.setattr(launch, "run", fails(OSError("no such program")))
     assert _run(["x"], (5.0, 1 << 30)) == "no such program"
     seen: list[object] = []
-    monkeypatch.setattr(launch, "limited", lambda arguments, **limits: seen.append(limits) or arguments)
+
+    def limited(arguments: list[str], **limits: float) -> list[str]:
+        seen.append(limits)
+        return arguments
+
+    monkeypatch.setattr(launch, "limited", limited)
     monkeypatch.setattr(launch, "run", lambda *_, **__: ended("x"))
     monkeypatch.setattr(launch, "too_long", lambda _: False)
     done = _run(["x"], (5.5, 7))

@@ -91,9 +91,9 @@ def test_the_grid_of_known_symbols_is_the_true_one() -> None:
         as_it_was, usual = _on_own_grid(RULE, at, np.ones(n), trust)
         assert np.array_equal(as_it_was, at) and usual == USUAL_SIGMA
     # low tops place the grid, but their error is not that of good ones
-    low = np.full(n, GOOD_WEIGHT - 0.01)
-    _, of_low = _on_own_grid(RULE, at, low, np.ones(n))
-    assert of_low != sigma
+    low = np.where(np.arange(n) < 10, 1.0, GOOD_WEIGHT - 0.01)
+    wide = at + np.where(low[:, None] < 1.0, rng.normal(0.0, 0.03, at.shape), 0.0)
+    assert _on_own_grid(RULE, wide, low, np.ones(n))[1] < 0.02 < _on_own_grid(RULE, wide, np.ones(n), np.ones(n))[1]
 
 
 def test_parts_are_at_their_nearest_top_and_other_dots_stay() -> None:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tactape_fab.base.errors import SpecError
 from tactape_fab.verify.trip import coverage as coverage_module
 from tactape_fab.verify.trip import limit
 from tactape_fab.verify.trip import map as map_module
 from tactape_fab.verify.trip.coverage import TURNS, Coverage, coverage_of
-from tactape_fab.verify.trip.map import Picture, draw_map
+from tactape_fab.verify.trip.map import Picture, draw_map, refuse_map
 from tactape_fab.verify.trip.round_trip import BARELY, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, Trip, read_contact
 from tests.tapes import tape_at
 
@@ -173,3 +175,17 @@ def test_places_of_a_map_are_even_over_the_board(monkeypatch: pytest.MonkeyPatch
     assert np.diff(turns, axis=1) == pytest.approx(180.0 / TURNS) and min(angles) >= -180.0 and max(angles) < 180.0
     # neighbouring places are tried at other angles
     assert len(np.unique(turns[:, 0].round(3))) == 28
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("kit/map.png", "lies in the kit"), ("map.jpg", "does not end with .png"), ("kit/../map.png", ""), ("map.png", "")],
+)
+def test_a_map_lies_beside_its_kit(name: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "kit").mkdir()
+    (tmp_path / "kit" / "manifest.json").write_text("{}")
+    if says:
+        with pytest.raises(SpecError, match=says):
+            refuse_map(tmp_path / "kit", tmp_path / name)
+    else:
+        assert refuse_map(tmp_path / "kit", tmp_path / name) == tmp_path / name
