@@ -232,7 +232,7 @@ def _facts(view: View, warp: Warp, film_sigma_mm: float, growth: float | None) -
     return ScanFacts(
         name=view.name,
         dpi=view.dpi,
-        px_per_mm=(along, up),
+        px_per_mm=(view.factor * along, view.factor * up),
         shear=shear,
         jitter_um=float(np.sqrt((jitter**2).mean())) / warp.px_per_mm * 1000,
         film_sigma_um=film_sigma_mm * 1000,

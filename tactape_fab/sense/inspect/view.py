@@ -41,9 +41,9 @@ class View:
 
     number: Of the tape among those that are wanted.
     name: Of the scan's file.
-    picture (h, w, 3)
+    picture (h, w, 3): Each pixel the mean of `factor` by `factor` of the scan.
     inside (n,): Parts that the scan shows whole.
-    dpi: Nominal.
+    dpi: Nominal, of the scan.
     found_by {"tag", "code", "neighbour"}
     """
 
@@ -54,6 +54,7 @@ class View:
     inside: BoolArray
     dpi: float | None
     found_by: FoundBy
+    factor: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,10 +90,12 @@ def _views(picture: Picture, name: str, wanted: Sequence[WantedTape], dpi: float
     if px_per_mm is not None and px_per_mm < LEAST_PX_PER_MM:
         least = LEAST_PX_PER_MM * MM_PER_INCH
         raise SpecError(f"it has {px_per_mm * MM_PER_INCH:.0f} dpi, fewer than {least:.0f}; scan at 600 dpi or more")
+    factor = 1
     if px_per_mm is not None and px_per_mm > _MOST_PX_PER_MM:
-        picture = _shrunk(picture, int(px_per_mm / _SHRUNK_PX_PER_MM))
+        factor = int(px_per_mm / _SHRUNK_PX_PER_MM)
+        picture = _shrunk(picture, factor)
         tags = find_tags(picture)
-        px_per_mm /= int(px_per_mm / _SHRUNK_PX_PER_MM)
+        px_per_mm /= factor
         seeds = _tag_seeds(tags, wanted)
     if px_per_mm is None:
         raise _nothing_found(picture, tags, wanted, None, None)
@@ -102,12 +105,13 @@ def _views(picture: Picture, name: str, wanted: Sequence[WantedTape], dpi: float
     views, agreeing = _grown(picture, name, wanted, seeds, blobs, dpi)
     if not views and seeds and seeds[0].found_by == "tag":
         # ink that spreads makes a tag a tenth smaller than drawn: with the nominal scale the parts are read
-        scale = px_per_mm if dpi is None or abs(dpi / MM_PER_INCH / px_per_mm - 1.0) > _MOST_SPREAD else dpi / MM_PER_INCH
+        nominal = px_per_mm if dpi is None else dpi / MM_PER_INCH / factor
+        scale = nominal if abs(nominal / px_per_mm - 1.0) <= _MOST_SPREAD else px_per_mm
         views, _ = _grown(picture, name, wanted, _code_seeds(blobs, scale, wanted), blobs, dpi)
     if not views:
         raise _nothing_found(picture, tags, wanted, px_per_mm, agreeing)
     _refuse_second_copy(views, blobs, wanted)
-    return views
+    return [replace(view, factor=factor) for view in views]
 
 
 def _refuse_second_copy(views: Sequence[View], blobs: Blobs, wanted: Sequence[WantedTape]) -> None:
