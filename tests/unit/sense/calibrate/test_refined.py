@@ -10,7 +10,7 @@ import pytest
 
 from tactape_fab.sense import calibrate_sensor
 from tactape_fab.sense.calibrate.presses import Press, located
-from tactape_fab.sense.calibrate.refined import refined
+from tactape_fab.sense.calibrate.refined import MOST_LOW, refined
 from tactape_fab.sense.calibrate.relief import find_relief
 from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.texture.frames import FloatArray
@@ -35,6 +35,9 @@ def test_pixels_place_dots_better_than_the_detector() -> None:
         1000 * np.sqrt(np.mean(np.concatenate([centred_mm(p, made.poses[p.frame]) for p in some]) ** 2)) for some in (found, fine)
     )
     assert fine_um < 0.8 * rough_um < 8.0 and fine_um < 5.0
+    # weights are what dots have of their height
+    weights = np.concatenate([press.weights for press in fine])
+    assert 1.0 - MOST_LOW < weights.min() < weights.max() <= 1.0
 
 
 def test_pixels_that_are_averaged_first_place_dots_as_well() -> None:

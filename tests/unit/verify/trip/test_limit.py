@@ -90,6 +90,7 @@ def test_the_grid_of_known_symbols_is_the_true_one() -> None:
     for trust in (np.zeros(n), (np.arange(n) < LEAST_DOTS - 1).astype(float)):
         as_it_was, usual = _on_own_grid(RULE, at, np.ones(n), trust)
         assert np.array_equal(as_it_was, at) and usual == USUAL_SIGMA
+    assert not np.array_equal(_on_own_grid(RULE, at, np.ones(n), (np.arange(n) < LEAST_DOTS).astype(float))[0], at)
     # low tops place the grid, but their error is not that of good ones
     low = np.where(np.arange(n) < 10, 1.0, GOOD_WEIGHT - 0.01)
     wide = at + np.where(low[:, None] < 1.0, rng.normal(0.0, 0.03, at.shape), 0.0)
