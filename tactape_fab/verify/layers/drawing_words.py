@@ -40,7 +40,10 @@ def word_problems(words: str, expected: Shown, made: Made) -> list[str]:
         at = found.end()
     drawn = np.array(_HOLE.findall(words), dtype=np.float64).reshape(-1, 3)[:, [1, 2, 0]]
     holes = np.array(expected.holes, dtype=np.float64).reshape(-1, 3)
-    wrong = len(drawn) != min(len(holes), _MOST_HOLES) or any(np.abs(holes - row).max(axis=1).min() > _HOLE_MM for row in drawn)
+    same = np.all(np.abs(drawn[:, None] - holes) <= _HOLE_MM, axis=2)
+    # each row is a hole, and each of another one
+    listed = same.any(axis=1).all() and np.count_nonzero(same.any(axis=0)) >= len(drawn)
+    wrong = len(drawn) != min(len(holes), _MOST_HOLES) or not listed
     reach_x_mm, (x_mm, _) = reach_mm(made.tape.part)[0], expected.parts_xy_mm.T
     for left, length in _FIELD.findall(words):
         if float(left) > x_mm.min() - reach_x_mm or float(left) + float(length) < x_mm.max() + reach_x_mm:

@@ -98,6 +98,7 @@ def test_words_of_a_kit_are_its_manifest_s(name: str) -> None:
         ("x 2.000 y 3.000", "x 2.001 y 3.000", "its holes are not the kit's"),
         ("x 2.000 y 3.000", "x 2.0005 y 3.000", ""),
         ("x 2.000 y 3.000", "x 2.000 y 28.000", "its holes are not the kit's"),
+        ("x 2.000 y 5.500", "x 2.000 y 3.000", "its holes are not the kit's"),
         ("leans like this: /", "leans like this: |", "where 'Seen from above, every part leans like this: /' should"),
         ("file are counter-clockwise", "file are clockwise", "where '2"),
         (
