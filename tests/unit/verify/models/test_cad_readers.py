@@ -17,6 +17,7 @@ from tactape_fab.base import launch
 from tactape_fab.base.errors import Check
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.step.solid import solid_step
 from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.texture.cpl import PLACEMENTS, CplContent
 from tactape_fab.verify.models import cad_readers
@@ -29,6 +30,8 @@ from tactape_fab.verify.models.cad_readers import (
     _check_centres,
     _check_occurrences,
     _check_solid,
+    _is_own,
+    _kernels,
     _limits,
     _lines,
     _run,
@@ -36,7 +39,8 @@ from tactape_fab.verify.models.cad_readers import (
     _trimesh,
 )
 from tactape_fab.verify.models.expected import Expected, film_centre_mm
-from tests.solids import tape_of
+from tactape_fab.verify.models.step_text import step_text
+from tests.solids import DATE, tape_of
 
 TAPE = tape_of(columns=3, rows=2)
 VOLUME_MM3, ELEMENT_MM3 = 90.0, element_volume_mm3(TAPE.part)
@@ -295,3 +299,71 @@ def test_lines_of_readers_are_told_in_their_order() -> None:
         runs.append((name, future))
     assert [check.name for check in _lines(runs, lambda *words: told.append(words))] == ["A", "B"]
     assert told == [("models read by A: reader", 0, 2), ("models read by B: reader", 1, 2)]
+
+
+def line(name: str, passed: bool = True) -> list[Check]:
+    return [Check(name=name, passed=passed, message="")]
+
+
+@pytest.mark.parametrize(("passed", "names"), [(True, ["FreeCAD", "OCCT"]), (False, ["OCCT"])])
+def test_freecad_reads_what_others_write_only_where_occt_finds_nothing(
+    passed: bool, names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of which nobody knows whether a kernel ends: the same entities as ours, or none is asked."""
+    own = solid_step(TAPE, SolidForm(), name="t", date=DATE, rgb=(0.2, 0.4, 0.6))
+    path = tmp_path / "solid.step"
+    path.write_bytes(own)
+    paths, steps = {"step-solid": path}, {"step-solid": step_text(own)}
+    expected = replace(EXPECTED, steps=steps)
+    assert _is_own(expected, paths) and not _is_own(EXPECTED, paths)
+    path.write_bytes(own.replace(b"(0.,0.,0.23)", b"(0.,0.,0.24)"))
+    assert not _is_own(expected, paths)
+    monkeypatch.setattr(cad_readers, "_occt", lambda *_: line("OCCT", passed))
+    monkeypatch.setattr(cad_readers, "_freecad", lambda *_: line("FreeCAD"))
+    assert [check.name for check in _kernels(TAPE, expected, paths, None)] == names
+    path.write_bytes(own.replace(b"PLANE(", b"SPHERICAL_SURFACE(", 1))
+    (check,) = _kernels(TAPE, expected, paths, None)
+    assert check.name == "step-solid by CAD kernels" and check.message.startswith("not given to one: ") and not check.passed
+
+
+def test_a_reader_that_is_missing_or_says_nothing_is_said(files: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cad_readers._occt(TAPE, EXPECTED, files, None) == cad_readers._freecad(TAPE, EXPECTED, files, None) == []
+    paths = {"step-solid": files["stl"], "step-assembly": files["3mf"]}
+    monkeypatch.setattr(cad_readers, "find_spec", lambda _: None)
+    (check,) = cad_readers._occt(TAPE, EXPECTED, paths, CPL)
+    assert check.warning and check.skipped and check.message.endswith('pip install "tactape-fab[cad]"')
+    monkeypatch.setattr(launch, "installed", lambda _: None)
+    (check,) = cad_readers._freecad(TAPE, EXPECTED, paths, CPL)
+    assert check.skipped and check.message.startswith("FreeCAD is not installed")
+    monkeypatch.setattr(launch, "installed", lambda _: "freecad")
+    monkeypatch.setattr(cad_readers, "_run", lambda *_: ended("", "warning\nno such shape", 1))
+    (check,) = cad_readers._freecad(TAPE, EXPECTED, paths, CPL)
+    said(check, "it could not be read: no such shape")
+
+
+def test_readers_are_given_both_files_and_each_answer_is_a_line(files: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = {"step-solid": files["stl"], "step-assembly": files["3mf"]}
+    solid = {"solids": 1, "faces": 36, "valid": True, "volume_mm3": VOLUME_MM3 * (1 + 5e-5), "centre_mm": None}
+    rows = [[5.0, 5.0, -0.05, 12.0], *([x, y, TAPE.part.body_mm[2] / 2, ELEMENT_MM3] for x, y in CPL.xy_mm.tolist())]
+    monkeypatch.setattr(cad_readers, "find_spec", lambda _: True)
+    monkeypatch.setattr(launch, "installed", lambda _: "freecad")
+
+    def run(arguments: list[str], _limits: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+        if folder is None:
+            assert str(files["stl"]) in arguments and str(files["3mf"]) in arguments
+            return ended("ANSWER " + json.dumps({"solid": solid, "assembly": occurrences()}))
+        script = Path(arguments[1]).read_text()
+        assert str(files["stl"]) in script and str(files["3mf"]) in script
+        (folder / "answer.json").write_text(json.dumps({"solid": solid, "assembly": {"centres": rows}}))
+        return ended("")
+
+    monkeypatch.setattr(cad_readers, "_run", run)
+    occt, freecad = (read(TAPE, EXPECTED, paths, CPL) for read in (cad_readers._occt, cad_readers._freecad))
+    # FreeCAD computes with the file's own precision, and may be farther off
+    assert [(check.name, check.passed) for check in occt] == [("step-solid by OCCT", False), ("step-assembly by OCCT", True)]
+    assert [(check.name, check.passed) for check in freecad] == [
+        ("step-solid by FreeCAD", True),
+        ("step-assembly by FreeCAD", True),
+    ]
+    # without rows to compare with the assembly has no line
+    assert [len(read(TAPE, EXPECTED, paths, None)) for read in (cad_readers._occt, cad_readers._freecad)] == [1, 1]
