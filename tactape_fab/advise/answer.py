@@ -68,6 +68,7 @@ class Line:
     simulated: Simulated | None = None
 
     def reaches(self, contact_mm: float) -> bool:
+        """Whether 9 in 10 round contacts of that diameter are located."""
         return self.least_mm is not None and self.least_mm <= contact_mm
 
     def to_mapping(self) -> dict[str, Any]:

@@ -85,6 +85,7 @@ class Fields:
         self.problems: list[Problem] = [] if problems is None else problems
 
     def problem(self, key: str, message: str) -> None:
+        """Collect a problem of a key, which is named as the user typed it."""
         self.problems.append(Problem(self.where + key, self.where + message))
 
     def refused(self, key: str) -> bool:
@@ -92,6 +93,7 @@ class Fields:
         return any(problem.root == key for problem in self.problems)
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
+        """Collect a problem for each key that is not known, with the one that was probably meant."""
         unknown = [key for key in self.values if key not in known]
         self.problems += [unknown_key(key, known, self.where) for key in unknown[:_MOST_UNKNOWN]]
         if len(unknown) > _MOST_UNKNOWN:  # to look for what each was meant to be takes 0.4 ms
@@ -233,6 +235,7 @@ class Fields:
         return self.text(key, choices=choices, default=choices[0]) if key in self.values else choices[0]
 
     def flag(self, key: str, *, default: bool = False) -> bool:
+        """A bool; `default` where it is missing or no bool, which is collected as a problem."""
         if key not in self.values:
             self._missing(key, "true or false")
             return default

@@ -111,6 +111,7 @@ class View:
         return (self.camera.from_px(px) - self.camera.from_px(self.centre_px)) / self.refined
 
     def to_px(self, texture_mm: npt.ArrayLike) -> FloatArray:
+        """Texture points, mm, as (u, v) of the enlarged picture; shape (n, 2)."""
         offset_mm = (np.asarray(texture_mm, dtype=np.float64) - self.position_mm) @ self.turn
         if self.camera is None:
             return _zoomed(offset_mm * self.px_per_mm + self.centre_px, self.zoom)
@@ -118,6 +119,7 @@ class View:
 
 
 def placed_mm(tape: Tape) -> FloatArray:
+    """Nominal places of a tape's parts, texture frame, mm (Eq. 9 of the paper); in designator order, shape (n, 2)."""
     cells = tape.cells()
     return cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[tape.symbols[cells[:, 1], cells[:, 0]]]
 

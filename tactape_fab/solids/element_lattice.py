@@ -146,6 +146,7 @@ class Rims:
 
 
 def build_rims(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> Rims:
+    """Rims of a board, mm: those of its outline and holes, or of the rectangle that is wrapped round a cylinder."""
     if wrap is None:
         outline = board_outline(tape.board.size_mm, tape.board.corner_radius_mm)
         return Rims(outline=outline, holes=tuple(_circle(*hole) for hole in tape.board.holes))

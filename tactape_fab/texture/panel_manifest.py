@@ -34,6 +34,7 @@ class PlacedTape:
 
     @property
     def first_number(self) -> int:
+        """Number of its first part among the parts of the panel, from 1."""
         return int(self.first_designator[1:])
 
 

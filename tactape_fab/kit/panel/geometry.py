@@ -42,6 +42,7 @@ class Place:
 
     @property
     def rotation_deg(self) -> float:
+        """Counter-clockwise rotation of the tape on the panel: 0 or 90."""
         return 90.0 if self.turned else 0.0
 
     @property
@@ -108,6 +109,7 @@ class Panel:
 
     @property
     def outline_mm(self) -> FloatArray:
+        """Corners and arc points of the panel's outline, its own frame; shape (n, 2)."""
         return board_outline(self.size_mm, CORNER_RADIUS_MM)
 
     @property

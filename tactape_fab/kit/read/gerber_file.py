@@ -44,6 +44,7 @@ def is_on_earth(points_mm: FloatArray) -> bool:
 
 
 def one_line(error: Exception) -> str:
+    """The first line of an error's text, at most 200 characters."""
     lines = str(error).splitlines()
     return (lines[0] if lines else type(error).__name__)[:200]
 

@@ -36,6 +36,7 @@ class GerberText:
         self.add("%FSLAX46Y46*%", "%MOMM*%", "%LPD*%", "G75*", "G01*")
 
     def add(self, *lines: str) -> None:
+        """Add lines as they are."""
         self._pieces += [f"{line}\n".encode("ascii") for line in lines]
 
     def _attribute(self, content: str) -> None:
@@ -52,15 +53,18 @@ class GerberText:
         return f"G04 #@! {content}*\n" if self._x2 == "comments" else ""
 
     def object_attribute(self, content: str) -> None:
+        """Set an attribute of the objects that follow, such as ``C,R1`` (5.4)."""
         self._attribute(f"TO.{content}")
 
     def delete_attributes(self) -> None:
         self._attribute("TD")
 
     def circle(self, diameter_mm: float, function: str) -> str:
+        """Define a round aperture of a function, such as ``SMDPad,CuDef``; its D code."""
         return self._define(f"C,{diameter_mm:.6f}", function)
 
     def polygon(self, diameter_mm: float, corners: int, function: str) -> str:
+        """Define a regular polygon by its outer diameter and number of corners as an aperture; its D code."""
         return self._define(f"P,{diameter_mm:.6f}X{corners}X0.000000", function)
 
     def outline(self, name: str, vertices_mm: FloatArray, function: str) -> str:
@@ -86,6 +90,7 @@ class GerberText:
             self._pieces.append(number_rows(template, values[start : start + _CHUNK]))
 
     def flash(self, aperture: str, xy_mm: FloatArray) -> None:
+        """Flash an aperture, by its D code, at points of the board frame, mm; shape (n, 2)."""
         self.add(f"{aperture}*")
         self.rows("X%dY%dD03*\n", to_nm(xy_mm))
 
@@ -99,6 +104,7 @@ class GerberText:
         self.delete_attributes()
 
     def stroke(self, points_mm: FloatArray) -> None:
+        """Draw an open line through points of the board frame, mm, with the current aperture."""
         self._contour(points_mm, closed=False)
 
     def _contour(self, points_mm: FloatArray, *, closed: bool) -> None:

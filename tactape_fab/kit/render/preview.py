@@ -59,6 +59,7 @@ class _Shapes:
 
 
 def stamps(content: GerberShapes) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Outline of each aperture, mm about its middle, and where it is flashed, board frame."""
     return tuple(
         (outline, content.flash_xy_mm[content.flash_aperture == i]) for i, outline in enumerate(content.aperture_outlines_mm)
     )
@@ -117,6 +118,7 @@ def body_outline(components: bytes) -> FloatArray:
 
 
 def terminals_of(body: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Outlines of both metal ends of a body, mm about its middle."""
     # the corner (+, +) of the rectangle
     length, width = body[1]
     inner = length * (1 - 2 * _TERMINAL_SHARE)

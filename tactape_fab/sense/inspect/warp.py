@@ -39,6 +39,7 @@ class LineShift:
         return np.asarray(value[before] * (1 - share[:, None]) + value[before + 1] * share[:, None], dtype=np.float32)
 
     def at(self, px: FloatArray) -> FloatArray:
+        """The shift at pixels (u, v), px; same shape as `px`."""
         knot, share = self.weights(px[..., self.axis])
         return self.value_px[knot] * (1 - share[..., None]) + self.value_px[knot + 1] * share[..., None]
 

@@ -23,6 +23,7 @@ class Latencies:
         self._bins: npt.NDArray[np.int64] = np.zeros(_BINS_A_DECADE * _DECADES, dtype=np.int64)
 
     def add(self, ms: float) -> None:
+        """Count a time, ms; those below 0.01 ms and beyond the last bin count in the first and last one."""
         # a bin is a factor of 10^(1/200) wide
         place = int(np.log10(max(ms, _LEAST_MS) / _LEAST_MS) * _BINS_A_DECADE)
         self._bins[min(place, len(self._bins) - 1)] += 1
@@ -93,6 +94,7 @@ class Tally:
 
     @property
     def overall_hz(self) -> float:
+        """Answers a second from the first to the last one; 0 where there are fewer than two."""
         span_s = self._last_s - self._first_s
         # n answers have n - 1 gaps between them
         return (self.answered - 1) / span_s if span_s > 0 else 0.0

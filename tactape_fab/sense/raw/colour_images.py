@@ -44,6 +44,7 @@ class RawImage:
         yield depth
 
     def time_of(self, frame: int) -> float | None:
+        """Time of a frame, s: None, as an image has none."""
         return None
 
 

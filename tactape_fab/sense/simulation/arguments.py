@@ -39,6 +39,7 @@ def edge_problems(edge: object, poses: object, name: str = "poses") -> list[Prob
 
 
 def checked_seed(seed: int) -> int:
+    """A user's seed. Raises SpecError if it is no whole number from 0 to 2^64 - 1."""
     table = Fields({"seed": seed})
     whole = table.integer("seed", low=0, high=2**64 - 1)
     refuse(table.problems)
@@ -46,12 +47,14 @@ def checked_seed(seed: int) -> int:
 
 
 def check_count(count: int) -> None:
+    """Raises SpecError if a user's number of frames is no whole number from 1 to `MOST_FRAMES`."""
     table = Fields({"count": count})
     table.integer("count", low=1, high=MOST_FRAMES)
     refuse(table.problems)
 
 
 def checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:
+    """A user's poses (x mm, y mm, texture frame, theta deg); shape (count, 3). Raises SpecError for another shape."""
     check_count(count)
     try:
         rows = np.array(unmasked(poses), dtype=np.float64)

@@ -45,6 +45,7 @@ class RobotFrame:
 
     @property
     def unknowns(self) -> int:
+        """Number of its unknowns, x mm, y mm and theta rad: 0 where no frame has a pose."""
         return 3 if len(self.contact) else 0
 
     def _left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

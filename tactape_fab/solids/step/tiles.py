@@ -39,6 +39,7 @@ class Arc:
     end_rad: float
 
     def point(self, angle_rad: float) -> Point:
+        """The point at an angle, mm, also beyond the arc's ends."""
         return self.centre_mm[0] + self.radius_mm * cos(angle_rad), self.centre_mm[1] + self.radius_mm * sin(angle_rad)
 
 

@@ -45,6 +45,7 @@ def pitch_errors(tape: Tape, grid: Frames, offset_mm: FloatArray) -> tuple[Float
 
 
 def too_distorted(errors: FloatArray, radius_mm: float) -> tuple[float, str]:
+    """Problem of a pitch that is off by too much on the surface: `radius_mm` and its words, empty if there is none."""
     worst = float(errors[np.abs(errors).argmax()])
     if abs(worst) <= MOST_PITCH_ERROR_AT_ALL:
         return radius_mm, ""
@@ -60,6 +61,7 @@ def _arc_mm(a: Frames, b: Frames) -> FloatArray:
 
 
 def beyond_edge(offset_mm: FloatArray, elements: Frames, on_surface: BoolArray) -> tuple[float, str]:
+    """Problem of elements off the surface: distance of the first from the middle, mm, and its words, empty if there is none."""
     off = ~(elements.arrived & on_surface.all(axis=1))
     if not off.any():
         return np.inf, ""
@@ -145,6 +147,7 @@ def _seen_from(part: TapePart, elements: Frames, pairs: IntArray) -> FloatArray:
 
 
 def collisions(offset_mm: FloatArray, gap_mm: FloatArray, pairs: IntArray) -> tuple[float, str]:
+    """Problem of pairs of elements that nearly touch: distance of the first from the middle, mm, and its words."""
     close = gap_mm < LEAST_GAP_MM
     if not close.any():
         return np.inf, ""

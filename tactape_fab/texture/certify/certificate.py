@@ -83,6 +83,7 @@ class Certificate:
     patches: tuple[PatchDistance, ...] = ()
 
     def of_side(self, side: int) -> Closest:
+        """The closest windows of so many grid points a side; ValueError for a side that is not in `SIDES`."""
         return self.sizes[SIDES.index(side)]
 
     def to_mapping(self) -> dict[str, Any]:

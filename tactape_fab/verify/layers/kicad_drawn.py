@@ -135,6 +135,7 @@ def values(tree: Sequence[str | Tree], name: str) -> list[float]:
 
 
 def layer_of(tree: Tree) -> str:
+    """Name of the one layer of a graphic or a footprint."""
     return str(child(tree, "layer")[1])
 
 

@@ -31,10 +31,12 @@ class OnPanel:
 
     @property
     def offset(self) -> FloatArray:
+        """Place of the tape's board origin in the panel's frame, mm; shape (2,)."""
         return np.array(self.place.offset_mm)
 
     @property
     def turned(self) -> bool:
+        """Whether the tape lies turned by 90 degrees."""
         return self.place.rotation_deg != 0.0
 
     def turned_back(self, xy_mm: FloatArray) -> FloatArray:
@@ -111,6 +113,7 @@ def _turned_back(name: bytes, value: bytes, on: OnPanel) -> bytes:
 
 
 def rows_of_tape(cpl: CplContent, on: OnPanel) -> CplContent:
+    """Rows of one tape in the panel's pick-and-place file, in its board frame, with its own designators and rotations."""
     rows = slice(on.first, on.first + on.tape.part_count)
     return replace(
         cpl,

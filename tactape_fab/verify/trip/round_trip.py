@@ -82,6 +82,7 @@ class Trip:
     tolerated: float = 0.0
 
     def count(self, outcome: int) -> int:
+        """Number of contacts of an outcome, such as `RIGHT`."""
         return int((self.outcome == outcome).sum())
 
     @property
