@@ -8,6 +8,7 @@ from math import inf
 import numpy as np
 import pytest
 
+from tactape_fab.sense.calibrate import errors as errors_module
 from tactape_fab.sense.calibrate.errors import (
     CORRELATIONS_MM,
     Design,
@@ -123,6 +124,13 @@ def test_errors_that_were_drawn_are_found(true: Errors) -> None:
     else:
         assert abs(np.log(found.errors.gel_mm / true.gel_mm)) < 3.0 * found.sigma_ln_gel < 1.5
         assert abs(np.log(found.errors.correlation_mm / true.correlation_mm)) < 3.0 * found.sigma_ln_correlation < 1.5
+
+
+def test_spreads_of_the_gel_are_those_of_its_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, true = np.random.default_rng(3), Errors(dot_mm=0.008, gel_mm=0.04, correlation_mm=3.0)
+    monkeypatch.setattr(errors_module, "_spread", lambda *_: [0.1, 0.2, 0.3])
+    found = estimate_errors([design_of(rng, true, 0.9) for _ in range(4)], np.diag([1.0, 1.0]), OWN_PRECISION)
+    assert (found.sigma_ln_gel, found.sigma_ln_correlation) == (0.2, 0.3)
 
 
 def test_values_are_logarithms_within_what_can_be_seen() -> None:
