@@ -9,7 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from tactape_fab import Tape
 from tactape_fab.base.errors import SpecError
+from tactape_fab.sense.inspect import view as view_module
+from tactape_fab.sense.inspect.blobs import Blobs
 from tactape_fab.sense.inspect.inspection import _facts
 from tactape_fab.sense.inspect.locate import SeenTag
 from tactape_fab.sense.inspect.view import View, _neighbours, _shrunk, _tag_seeds, _views, blockiness, views_of
@@ -129,3 +132,85 @@ def test_a_scan_of_many_dpi_is_looked_at_in_small_and_says_its_own(times: int, f
     assert (view.factor, view.found_by, view.picture.shape[1]) == (factor, "tag", 1000 * times // factor)
     facts = _facts(view, view.warp, 0.0, None)
     assert facts.dpi == 1200.0 * times and np.multiply(facts.px_per_mm, 25.4) == pytest.approx(facts.dpi, rel=0.01)
+
+
+SITES, PX = TAPE.part_xy_mm(), 25.0
+TO_PX, AT_PX = PX * np.array([(1.0, 0.0), (0.0, -1.0)]), np.array([40.0, 680.0])
+WIDE = cv2.resize(NOISE, (2000, 720), interpolation=cv2.INTER_CUBIC)
+
+
+def spots(*sets: np.ndarray) -> Blobs:
+    """Spots at board points, with half a pixel of noise."""
+    px = np.concatenate(sets) @ TO_PX.T + AT_PX
+    return Blobs(px=px + np.random.default_rng(2).normal(0.0, 0.5, px.shape))
+
+
+def looked_at(
+    blobs: Blobs,
+    wanted: list[WantedTape],
+    monkeypatch: pytest.MonkeyPatch,
+    tags: tuple[SeenTag, ...] = (),
+    dpi: float = 25.4 * PX,
+) -> list[View]:
+    monkeypatch.setattr(view_module, "find_tags", lambda _: list(tags))
+    monkeypatch.setattr(view_module, "find_blobs", lambda *_: blobs)
+    return _views(WIDE, "s", wanted, dpi)
+
+
+def wanted_of(*tapes: Tape) -> list[WantedTape]:
+    return [WantedTape(tape=tape, sha256="") for tape in tapes]
+
+
+def test_parts_say_which_tape_it_is_where_no_tag_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    # tapes of another pitch are looked for by themselves
+    coarse = replace(OTHER, pitch_mm=2.0, name="coarse")
+    (view,) = looked_at(spots(SITES), wanted_of(coarse, OTHER, TAPE), monkeypatch)
+    assert (view.number, view.found_by, view.name, view.dpi, view.factor) == (2, "code", "s", 25.4 * PX, 1)
+    assert view.inside.all() and np.abs(view.warp.to_px(SITES) - (SITES @ TO_PX.T + AT_PX)).max() < 1.0
+
+
+def test_a_second_copy_beside_a_tape_is_refused_but_on_a_panel(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = spots(SITES, np.add(SITES, (38.0, 0.0)))
+    with pytest.raises(
+        SpecError, match="parts beside tape-7 are those of tape-7 again: two copies of the tape; scan each by itself"
+    ):
+        looked_at(both, wanted_of(TAPE), monkeypatch)
+    on_panel = [replace(tape, offset_mm=np.array((0.0, 0.0))) for tape in wanted_of(TAPE)]
+    assert len(looked_at(both, on_panel, monkeypatch)) == 1
+
+
+SHUFFLED = TAPE.cells() * 1.5 * (1.0, -1.0) + TAPE.board.texture_origin_mm
+SHUFFLED = SHUFFLED + 0.25 * np.array([(0, 1), (0, -1), (-1, 0), (1, 0)])[np.random.default_rng(4).integers(0, 4, len(SHUFFLED))]
+
+
+@pytest.mark.parametrize(
+    ("blobs", "tags", "says"),
+    [
+        (spots(OTHER.part_xy_mm()), (), "its parts are those of sector 9, and tape-7, coarse is of sector 7, 7: another tape"),
+        (spots(SITES * (-1.0, 1.0) + (36.0, 0.0)), (), "it is mirrored: its parts fit in a mirror alone"),
+        (spots(SHUFFLED), (seen(wanted_of(TAPE)[0], (40.0, 680.0), PX),), "its tag is that of tape-7, coarse, but only "),
+        (spots(SITES[:9]), (), "no tag of the family tag36h11 is in it, and its 9 spots are no parts of tape-7, coarse"),
+        (
+            spots(SITES[:9]),
+            (seen(wanted_of(TAPE)[0], (40.0, 680.0), PX),),
+            "its tag cannot be followed to the parts, and its 9 spots",
+        ),
+        (
+            spots(SITES[:9]),
+            (seen(wanted_of(OTHER)[0], (40.0, 680.0), PX),),
+            "it shows a tape with tag 9, and tape-7, coarse has tag 7: another",
+        ),
+    ],
+)
+def test_why_a_scan_shows_no_wanted_tape_is_said(
+    blobs: Blobs, tags: tuple[SeenTag, ...], says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    coarse = replace(OTHER, pitch_mm=2.0, name="coarse", tag=None, sector=7)
+    with pytest.raises(SpecError) as refused:
+        looked_at(blobs, wanted_of(TAPE, coarse), monkeypatch, tags)
+    assert says in str(refused.value)
+
+
+def test_a_mirrored_tag_is_said(scanned: Scanned) -> None:
+    with pytest.raises(SpecError, match="it is mirrored: its tag can be read in a mirror alone"):
+        _views(np.ascontiguousarray(scanned.picture[:, 999::-1]), "s", read_wanted(scanned.kit), 1200.0)
