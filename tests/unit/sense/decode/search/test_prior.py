@@ -19,12 +19,22 @@ from tests.tapes import tape_at
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("position_mm", (np.nan, 3.0)), ("position_mm", (1.0,)), ("theta_deg", np.nan), ("radius_mm", -1.0), ("angle_deg", np.nan)],
+    [
+        ("position_mm", (np.nan, 3.0)),
+        ("position_mm", (1.0,)),
+        ("theta_deg", np.nan),
+        ("radius_mm", -1.0),
+        ("angle_deg", np.nan),
+        ("radius_mm", 50.1),
+        ("angle_deg", 360.1),
+        ("tape", 7),
+    ],
 )
 def test_a_prior_that_says_nothing_is_refused(key: str, value: object) -> None:
     good = {"position_mm": (1.0, 2.0), "theta_deg": 0.0}
     with pytest.raises(SpecError, match=key):
         Prior(**{**good, key: value})  # type: ignore[arg-type]
+    Prior(position_mm=(1.0, 2.0), theta_deg=0.0, radius_mm=0.0, angle_deg=360.0)
 
 
 TAPES = [tape_at(7, (30, 20)), tape_at(9, (30, 20))]
