@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from tactape_fab.kit.read.s_expression import read_s_expression
 from tactape_fab.verify.layers.kicad import Shown, _fiducials, _outline, _read_board, sides_of
+from tactape_fab.verify.layers.kicad_drawn import rules_problems
 
 MARK = '(pad "" smd circle (at 0 0) (size 1 1) (layers "F.Cu" "F.Mask") (solder_mask_margin 0.5))'
 BOARD = f"""(kicad_pcb (setup (aux_axis_origin 20 40))
@@ -66,3 +68,57 @@ def test_outline_and_fiducials_are_the_manifest_s(old: str, new: str, says: str)
 def test_a_board_without_fiducials_has_none() -> None:
     found = _read_board(read_s_expression(BOARD[: BOARD.index("(footprint")].encode() + b")", ()))
     assert _fiducials(found, replace(SHOWN, fiducials_mm=())) == []
+
+
+LIMITS_MM = {"pad-pad": 0.1, "pad-edge": 0.3, "hole-copper": 0.2, "hole-hole": 0.5, "hole-size": 0.25}
+
+
+def project(changes: dict[str, float], **severities: str) -> bytes:
+    """A project of those limits, anchors of 0.15 mm, and some rules otherwise."""
+    rules = {
+        "min_clearance": 0.1,
+        "min_copper_edge_clearance": 0.3,
+        "min_hole_clearance": 0.2,
+        "min_hole_to_hole": 0.5,
+        "min_through_hole_diameter": 0.25,
+        "min_track_width": 0.15,
+    }
+    net_class = {"clearance": 0.1, "track_width": 0.15} | {k: v for k, v in changes.items() if k in ("clearance", "track_width")}
+    rules |= {k: v for k, v in changes.items() if k not in net_class}
+    settings = {"rules": rules, "rule_severities": severities}
+    return json.dumps({"board": {"design_settings": settings}, "net_settings": {"classes": [net_class]}}).encode()
+
+
+@pytest.mark.parametrize(
+    ("changes", "limits", "track_mm", "wrong"),
+    [
+        ({}, {}, 0.15, ""),
+        ({"min_track_width": 0.1, "track_width": 0.1}, {}, 0.0, ""),
+        ({}, {"hole-size": None}, 0.15, ""),
+        ({"min_through_hole_diameter": 9.0}, {"hole-size": None}, 0.15, ""),
+        ({"min_track_width": 9.0, "track_width": 9.0, "min_clearance": 9.0, "clearance": 9.0}, {"pad-pad": None}, 0.0, ""),
+        *(({key: 0.4}, {}, 0.15, key) for key in ("min_clearance", "min_copper_edge_clearance", "min_hole_to_hole")),
+        (
+            {"min_hole_clearance": 0.1, "min_through_hole_diameter": 0.2},
+            {},
+            0.15,
+            "min_hole_clearance, min_through_hole_diameter",
+        ),
+        ({"clearance": 0.05}, {}, 0.15, "clearance of its class"),
+        ({"track_width": 0.1}, {}, 0.15, "track width of its class"),
+        ({}, {}, 0.0, "min_track_width, track width of its class"),
+    ],
+)
+def test_rules_of_a_project_are_the_fab_s_limits(
+    changes: dict[str, float], limits: dict[str, None], track_mm: float, wrong: str
+) -> None:
+    """A limit that the manifest does not have leaves its rule open."""
+    asked = {rule: value for rule, value in LIMITS_MM.items() if rule not in limits}
+    said = rules_problems(project(changes), asked, track_mm)
+    assert said == ([f"its project's {wrong} are not the limits of the manifest's fab"] if wrong else [])
+
+
+def test_severities_of_a_project_are_those_of_this_tool() -> None:
+    assert rules_problems(project({}, track_dangling="ignore"), LIMITS_MM, 0.15) == []
+    (said,) = rules_problems(project({}, clearance="ignore"), LIMITS_MM, 0.15)
+    assert "rule_severities" in said
