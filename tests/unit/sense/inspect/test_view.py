@@ -82,13 +82,15 @@ def test_tags_of_one_panel_are_those_that_agree_on_its_place() -> None:
     """Two tapes of one sector on a panel, one of them turned; one more panel is seen in part."""
     places = [((5.0, 5.0), 0.0), ((80.0, 5.0), 90.0)]
     wanted = [WantedTape(tape=TAPE, sha256="", offset_mm=np.array(at), turn=_ccw(deg)) for at, deg in places]
-    tags = [seen(wanted[0], (900.0, 4000.0)), *(seen(tape, (100.0, 1500.0)) for tape in wanted)]
+    # both are seen a pixel apart
+    at_px = [(100.0, 1500.0), (101.0, 1500.0)]
+    tags = [seen(wanted[0], (900.0, 4000.0)), *map(seen, wanted, at_px)]
     seeds = _tag_seeds(tags, wanted)
     assert sorted(seed.number for seed in seeds) == [0, 1] and {seed.found_by for seed in seeds} == {"tag"}
     for seed in seeds:
         at, turn = np.array(places[seed.number][0]), wanted[seed.number].turn
         sites = TAPE.part_xy_mm()
-        assert seed.warp.smooth(sites) == pytest.approx((at + sites @ turn.T) * (20.0, -20.0) + (100.0, 1500.0), abs=1e-6)
+        assert seed.warp.smooth(sites) == pytest.approx((at + sites @ turn.T) * (20.0, -20.0) + at_px[seed.number], abs=1e-6)
         assert seed.near_mm.tolist() == [2.5, 3.5]
 
 
