@@ -64,6 +64,10 @@ def test_frames_of_another_size_have_the_same_field_of_view() -> None:
     half = fitted_size((120, 160), OBLONG)
     assert (half.width_px, half.height_px, half.px_per_mm) == (160, 120, (8.0, 6.0))
     assert half.mask is None and half.rotate90 == 0
+    # of a profile that turns its frames by a quarter the scale along u is that along their height
+    turned = replace(OBLONG, width_px=240, height_px=320, px_per_mm=(12.0, 16.0), rotate90=3)
+    assert turned.frame_shape == (240, 320) and fitted_size((120, 160), turned).px_per_mm == (8.0, 6.0)
+    assert fitted_size((120, 160), replace(OBLONG, rotate90=2)).px_per_mm == (8.0, 6.0)
     # twice as high: px/mm grows as the root of the area
     assert fitted_size((480, 320), OBLONG).px_per_mm == pytest.approx((16.0 * 2**0.5, 12.0 * 2**0.5))
     assert fitted_size((16, 16), replace(OBLONG, px_per_mm=(4.0, 4.0))).px_per_mm == (1.0, 1.0)
