@@ -179,6 +179,19 @@ def test_words_that_are_of_one_kind_of_kit_are_asked_of_it() -> None:
 
 
 @pytest.mark.parametrize(
+    ("left_mm", "right_mm", "holds"), [(-0.001, 0.001, True), (0.001, 0.001, False), (-0.001, -0.001, False)]
+)
+def test_a_field_holds_the_bodies_of_all_parts(left_mm: float, right_mm: float, holds: bool) -> None:
+    words, expected, made = written("plain")
+    # a body of 0.6 x 0.3 mm at 45 degrees reaches so far
+    x_mm, reach_mm = expected.parts_xy_mm[:, 0], 0.45 / 2**0.5
+    low, high = x_mm.min() - reach_mm + left_mm, x_mm.max() + reach_mm + right_mm
+    assert " 6 field 33.3 A" in words
+    said = word_problems(words.replace(" 6 field 33.3 A", f" {low:.6f} field {high - low:.6f} A"), expected, made)
+    assert [bool("does not hold all parts" in each) for each in said] == ([] if holds else [True])
+
+
+@pytest.mark.parametrize(
     ("rotation_deg", "sign"),
     [(0.0, "-"), (22.0, "-"), (23.0, "/"), (45.0, "/"), (90.0, "|"), (135.0, "\\"), (170.0, "-"), (-45.0, "\\")],
 )
