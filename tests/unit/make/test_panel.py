@@ -78,6 +78,8 @@ def test_rules_that_are_broken_are_refused_or_recorded(tmp_path: Path) -> None:
     assert all({row["rule"] for row in content["forced"]} >= {"opening-bridge"} for content in contents)
 
 
-def test_a_single_tape_is_no_panel(tmp_path: Path) -> None:
+def test_a_single_tape_is_no_panel_and_flags_are_bools(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="verify = 'no'"):
+        make_panel(examined_panel(SMALL), tmp_path / "p", verify="no")  # type: ignore[arg-type]
     with pytest.raises(SpecError, match="examined"):
         make_panel(SimpleNamespace(), tmp_path / "p")  # type: ignore[arg-type]
