@@ -25,6 +25,10 @@ def test_dots_of_a_press_are_at_the_parts_that_they_name() -> None:
         off = np.hypot(*off_mm(press, pose).T)
         assert np.median(off) < 0.03 and off.max() < 0.2
         assert 0.3 < press.interior.mean() < 0.9
+        some = press.taken(press.interior)
+        assert (
+            np.array_equal(some.texture_mm, press.texture_mm[press.interior]) and some.interior.all() and some.tape == TAPE.name
+        )
         moved = press.at(np.array([1.0, 2.0, 0.5, 9.0]))
         assert (moved.position_mm, moved.theta_rad, moved.frame) == ((1.0, 2.0), 0.5, press.frame)
 

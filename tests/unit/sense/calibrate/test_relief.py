@@ -55,6 +55,9 @@ def test_blur_and_height_are_those_of_the_drawn_gel(blur_mm: float, factor: int)
     found = relief(blur_mm, factor)
     assert found.blur_mm == pytest.approx(blur_mm, rel=0.15) and found.sigma_blur_mm is not None
     assert found.sigma_blur_mm < 0.02
+    # what is left is the noise of the slopes, mm between two pixels
+    if factor == 1:
+        assert TRUE.slope_noise is not None and found.left == pytest.approx((TRUE.slope_noise / 15.0) ** 2, rel=0.2)
     # the height of a part, in mm; frames in another unit have it in theirs
     twice = relief(blur_mm, factor, 2.0)
     assert twice.amplitude == pytest.approx(2.0 * found.amplitude, rel=1e-3) and twice.blur_mm == pytest.approx(
