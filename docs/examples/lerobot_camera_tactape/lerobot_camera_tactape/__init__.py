@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from lerobot.cameras import Camera, CameraConfig
 
+from tactape_fab import read_tapes
 from tactape_fab.sense import LiveSensor, load_sensor, observation, observation_names
 
 WARMUP_S = 300.0
@@ -85,10 +87,10 @@ class TactapeCamera(Camera):
         """The answer of the frame that was read last: a `tactape_fab.Localization`."""
         return None if self._last is None else self._last.fix
 
-    @property
+    @cached_property
     def features(self) -> dict[str, type]:
-        """Names of `observation`, for a robot's `observation_features`."""
-        return dict.fromkeys(observation_names(self._connected().tapes), float)
+        """Names of `observation`, for a robot's `observation_features`: `lerobot-record` asks for them before it connects."""
+        return dict.fromkeys(observation_names(read_tapes(self.config.kits)), float)
 
     def observation(self) -> dict[str, float]:
         """Where the frame that was read last was touched, for a robot's `get_observation`."""

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab.sense import load_sensor
+from tactape_fab import Kit
+from tactape_fab.sense import load_sensor, observation_names
 
 PLUGIN = Path(__file__).parents[4] / "docs" / "examples" / "lerobot_camera_tactape"
 
@@ -64,3 +65,8 @@ def test_a_camera_that_gives_no_frame_is_not_connected_and_one_that_is_connected
     with pytest.raises(ConnectionError, match="disconnect"):
         camera.connect()
     assert closed == [1] and camera.is_connected
+
+
+def test_features_are_known_before_it_is_connected(plugin: Any, default_kit: Kit) -> None:
+    camera = plugin.TactapeCamera(plugin.TactapeCameraConfig(source="frames.npz", kits=[str(default_kit.path)]))
+    assert list(camera.features) == observation_names([default_kit.tape]) and not camera.is_connected
