@@ -108,7 +108,7 @@ def camera_named(name: str, devices: Path = _DEVICES) -> Path:
 def film_source(
     stop: Event, path: Path, size: tuple[int, int], crop: Crop | None = None, *, rate_hz: float | None = None, keep: bool
 ) -> Iterator[Frame | Trouble]:
-    """Source of a video file's images, at its own rate or another; an infinite one drops none. Timestamps are the file's."""
+    """Source of a video file's images, at its own rate or another; an infinite one drops none. Timestamps: the file's, if any."""
     cv2 = library("cv2", "reading a camera")
 
     keep = keep or rate_hz == float("inf")
@@ -116,23 +116,26 @@ def film_source(
     try:
         if not capture.isOpened():
             raise TactapeError(f"film {shown_path(path)} cannot be opened; give an .avi or .mp4")
-        start, number, stamp = perf_counter(), 0, 0.0
+        start, number, latest = perf_counter(), 0, 0.0
         while True:
             whole, image = capture.read()
             if not whole and number == 0:
                 raise TactapeError(f"film {shown_path(path)} cannot be unpacked by this OpenCV; write it anew as H.264 or MJPEG")
             if not whole:
                 # by time, as the header's number is that of its length and mean rate where images are not evenly spaced
-                missing = capture.get(cv2.CAP_PROP_FRAME_COUNT) - stamp * capture.get(cv2.CAP_PROP_FPS) - 1.0
+                missing = capture.get(cv2.CAP_PROP_FRAME_COUNT) - latest * capture.get(cv2.CAP_PROP_FPS) - 1.0
                 if missing >= _LEAST_MISSING:
                     message = f"film {shown_path(path)} ends after {number} images, {missing:.0f} earlier than its header says"
                     yield Trouble(kind="film cut off", message=f"{message}; it was cut off or is damaged: copy it again")
                 return
-            stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-            due_s = stamp if rate_hz is None else number / rate_hz
+            found = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+            # the last images of H.264 in AVI, and of damaged films, have no time, which OpenCV gives as 0
+            stamp = None if number > 0 and found <= latest else found
+            latest = latest if stamp is None else stamp
+            due_s = latest if rate_hz is None else number / rate_hz
             if stop.wait(max(0.0, start + due_s - perf_counter())):
                 return
-            yield _frame(number, image, size, crop, stamp, keep)
+            yield _frame(number, image, size, crop, stamp, keep or stamp is None)
             number += 1
     finally:
         capture.release()
@@ -160,7 +163,7 @@ def _taken_s(capture: Any, clock: Callable[[], float]) -> float:
 
 
 def _frame(
-    number: int, image: npt.NDArray[Any], size: tuple[int, int], crop: Crop | None, stamp: float, keep: bool
+    number: int, image: npt.NDArray[Any], size: tuple[int, int], crop: Crop | None, stamp: float | None, keep: bool
 ) -> Frame | Trouble:
     """The cropped image, scaled to the size of the sensor's frames; a trouble if the crop lies outside the image."""
     cv2 = library("cv2", "reading a camera")

@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 from threading import Event
 from time import monotonic, process_time, sleep, time
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -576,6 +577,22 @@ def test_a_film_of_a_codec_that_no_camera_has_is_refused(codec: str, tmp_path: P
     writer.release()
     with pytest.raises(SpecError, match=rf"film\.avi is packed by '{codec.lower()}', not by a codec for cameras"):
         read(film_source(tmp_path / "film.avi", (240, 320), keep=False))
+
+
+def test_images_of_a_film_without_a_time_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As OpenCV 5.0.0 tells five images of an AVI that `ffmpeg -r 10 -c:v libx264rgb` wrote: 0 for what it does not know."""
+    milliseconds = [200.0, 300.0, 400.0, 0.0, 0.0]
+    left, given = iter(milliseconds), {cv2.CAP_PROP_FRAME_COUNT: 5.0, cv2.CAP_PROP_FPS: 10.0}
+
+    def read_image() -> tuple[bool, Any]:
+        given[cv2.CAP_PROP_POS_MSEC] = next(left, -1.0)
+        return given[cv2.CAP_PROP_POS_MSEC] >= 0.0, coloured(40)
+
+    capture = SimpleNamespace(isOpened=lambda: True, read=read_image, get=given.get, release=lambda: None)
+    monkeypatch.setattr("tactape_fab.sense.live.camera.opened_film", lambda _: capture)
+    frames, troubles = read(film_source(Path("film.avi"), (240, 320), rate_hz=float("inf"), keep=False))
+    assert [frame.timestamp for frame in frames] == [0.2, 0.3, 0.4, None, None]
+    assert troubles == []
 
 
 def test_a_film_of_huge_images_is_refused_before_they_are_unpacked(tmp_path: Path) -> None:
