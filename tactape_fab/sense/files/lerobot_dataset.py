@@ -39,6 +39,7 @@ _TIMES_UNPACKED, _ROOM_BYTES = 6, 1 << 30
 """Memory limit while rows of a group are read: so many times their stated unpacked size, plus so many bytes."""
 _TABLES = "data/**/*.parquet"
 _UNSURE = "than its tables have rows, so that no image's time is sure; record it again, or leave out that episode"
+_AS_IMAGES = "with use_videos=False (lerobot-record --dataset.video=false, from LeRobot 0.6 on)"
 _FLOATS = ("float32", "float64", "uint16", "int16")
 
 
@@ -58,7 +59,7 @@ def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
         raise SpecError(f"its {DATASET} names no features")
     usable = {name: value for name, value in features.items() if _shows(value, colour)}
     if not usable:
-        lack = "images or films" if colour else "images or arrays of depth (films lose depth); record it with use_videos=False"
+        lack = "images or films" if colour else f"images or arrays of depth (films lose depth); record it {_AS_IMAGES}"
         raise SpecError(f"it has no feature of {lack}")
     if topic is None and len(usable) == 1:
         topic = next(iter(usable))
@@ -187,7 +188,7 @@ def _filmed(folder: Path, topic: str) -> Iterator[Stamped]:
         try:
             there, image = capture.read()
             if not there:  # of AV1, LeRobot's usual codec, OpenCV reads the container and not one image
-                raise SpecError(f"{path.name} cannot be unpacked by this OpenCV; write the dataset with use_videos=False")
+                raise SpecError(f"{path.name} cannot be unpacked by this OpenCV; write the dataset {_AS_IMAGES}")
             while there:
                 stamp = next(stamps, None)
                 if stamp is None:

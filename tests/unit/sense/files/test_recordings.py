@@ -524,7 +524,7 @@ def _list_alone(folder: Path) -> Path:
         (_statistics, "cannot be read|is damaged"),
         (_colour, "a colour image, which decode reads after --raw"),
         (_beside, "not in the table, but beside it"),
-        (_film_of_depth, r"no feature of images or arrays of depth \(films lose depth\); record it with use_videos=False$"),
+        (_film_of_depth, r"no feature of images or arrays of depth \(films lose depth\); record .* --dataset\.video=false, "),
         (_no_features, "names no features"),
     ],
 )
