@@ -75,6 +75,8 @@ Kind = Literal["film", "texture", "embossed"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrittenFile:
+    """A file of a kit as it was read; the path is relative to the kit's folder."""
+
     path: str
     data: bytes
 

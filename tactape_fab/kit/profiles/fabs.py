@@ -91,6 +91,8 @@ X2Mode = Literal["full", "comments", "off"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
+    """The material of a board: `thickness_mm` of all layers together, `copper_um` of the copper alone."""
+
     base: str
     thickness_mm: float
     copper_um: float

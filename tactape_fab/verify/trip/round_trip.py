@@ -87,6 +87,7 @@ class Trip:
 
     @property
     def failed(self) -> bool:
+        """Whether more contacts were LOST, or more WRONG, than are tolerated."""
         most = self.tolerated * len(self.outcome)
         return self.count(WRONG) > most or self.count(LOST) > most
 
