@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import asin, cos, degrees, radians, sin, tan
+from math import asin, cos, degrees, hypot, radians, sin, tan
 from typing import Any
 
 import numpy as np
@@ -61,17 +61,36 @@ def surface_of(radius_mm: float, off_mm: float, middle_mm: float) -> FloatArray:
     return np.array([*((slope - second * middle_mm) * ACROSS), matrix[0, 0], matrix[1, 1], matrix[0, 1]])
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["round", "hollow"])
 @pytest.mark.parametrize(("off_mm", "middle_mm"), [(0.0, 0.0), (4.0, 4.0), (4.0, 3.0), (-3.0, -2.0)])
-def test_the_circle_is_found_in_the_contact(off_mm: float, middle_mm: float) -> None:
+def test_the_circle_is_found_in_the_contact(off_mm: float, middle_mm: float, way: float) -> None:
     """The slope under the image's centre is that of the circle, 29.1 degrees for 4 of 8.23 mm, and not of the parabola, 25.9."""
-    bend = bend_of(surface_of(8.23, off_mm, middle_mm), NO_VARIANCE, 0.0, middle_mm * ACROSS, 0.002)
+    bend = bend_of(way * surface_of(8.23, off_mm, middle_mm), NO_VARIANCE, 0.0, middle_mm * ACROSS, 0.002)
     assert bend is not None
     sign = float(np.sign(bend.across @ ACROSS))
     assert sign * bend.across == pytest.approx(ACROSS)
-    assert (bend.curvature, sign * bend.sine) == pytest.approx((-1.0 / 8.23, off_mm / 8.23))
-    assert bend.slope == pytest.approx(tan(asin(off_mm / 8.23)) * ACROSS)
+    assert (way * bend.curvature, way * sign * bend.sine) == pytest.approx((-1.0 / 8.23, off_mm / 8.23))
+    assert bend.slope == pytest.approx(way * tan(asin(off_mm / 8.23)) * ACROSS)
     drop_mm = (8.23**2 - off_mm**2) ** 0.5 - (8.23**2 - (middle_mm - off_mm) ** 2) ** 0.5
-    assert bend.height_mm(middle_mm * ACROSS) == pytest.approx(drop_mm)
+    assert bend.height_mm(middle_mm * ACROSS) == pytest.approx(way * drop_mm)
+
+
+@pytest.mark.parametrize("gain_error", [0.0, 0.05])
+@pytest.mark.parametrize("middle_mm", [0.0, 3.0])
+def test_errors_of_the_surface_are_those_of_the_circle(middle_mm: float, gain_error: float) -> None:
+    """Of slopes and second derivatives that err alike in all directions, on a flank of 27 degrees at the contact's middle."""
+    off_mm = middle_mm + 4.0
+    slope_sigma, bend_sigma = 0.002, 0.001
+    variance = np.diag(np.square([slope_sigma, slope_sigma, bend_sigma, bend_sigma, bend_sigma / 2**0.5]))
+    bend = bend_of(surface_of(9.0, off_mm, middle_mm), variance, gain_error, middle_mm * ACROSS, 0.002)
+    assert bend is not None
+    slope, cosine = 4.0 / (9.0**2 - 4.0**2) ** 0.5, (1.0 - (4.0 / 9.0) ** 2) ** 0.5
+    # the angle is arctan of the slope, and the curvature is the second derivative times the cosine cubed
+    angle_sigma = hypot(slope_sigma, middle_mm * bend_sigma, gain_error * slope) * cosine**2
+    curvature_sigma = hypot(bend_sigma * cosine**3, gain_error / 9.0)
+    along_sigma = hypot(slope_sigma, middle_mm * bend_sigma / 2**0.5)
+    assert (bend.angle_sigma, bend.curvature_sigma) == pytest.approx((angle_sigma, curvature_sigma))
+    assert bend.along_sigma == pytest.approx(along_sigma)
 
 
 @pytest.mark.parametrize("surface", [(0.1, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, -0.05, -0.04, 0.0), (0.0, 0.0, 0.05, -0.05, 0.0)])
@@ -80,10 +99,11 @@ def test_what_is_flat_or_bent_about_two_axes_is_not_unrolled(surface: tuple[floa
 
 
 def test_errors_of_the_slope_and_the_curvature_are_those_that_are_said() -> None:
-    bend = round_a_cylinder(8.0, 4.0)
-    angled, curved, _ = bend.unsure()
-    assert asin(angled.sine + angled.curvature * 4.0) == pytest.approx(0.002, rel=1e-3)
-    assert (curved.curvature, curved.sine) == pytest.approx((-1.0 / 8.0 + 0.003, 0.5 - 0.003 * 4.0))
+    bend = replace(round_a_cylinder(8.0, 4.0), middle_mm=-1.0)
+    angled, curved, leaning = bend.unsure()
+    assert asin(angled.sine - angled.curvature) - asin(5.0 / 8.0) == pytest.approx(0.002, rel=1e-2)
+    assert (curved.curvature, curved.sine) == pytest.approx((-1.0 / 8.0 + 0.003, 0.5 + 0.003))
+    assert (leaning.along, leaning.sine) == (0.001, bend.sine)
     assert not bend.on_flank
     assert round_a_cylinder(4.0, 4.1).on_flank
 

@@ -10,7 +10,7 @@ import pytest
 from tactape_fab import Localizer, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Scene, iterate_frames
-from tactape_fab.sense.decode.contact.edge import off_edge
+from tactape_fab.sense.decode.contact.edge import PLATE_MM, off_edge
 from tests.contacts import TAPE, nees
 
 PLATE = examine(TapeSpec(sector=3, part="dome", size_mm=(60.0, 40.0), tag="none")).tape
@@ -23,6 +23,8 @@ def test_dots_of_a_plate_weigh_less_beside_its_edge() -> None:
     texture_mm = (board_mm - (x, y)) * (1.0, -1.0)
     weights = off_edge(np.array([1.0, 1.0, 1.0, 0.7, 0.1]), texture_mm, PLATE)
     assert weights == pytest.approx([0.15, 0.5, 1.0, 0.7, 0.1])
+    thinnest = replace(PLATE, board=replace(PLATE.board, thickness_mm=PLATE_MM))
+    assert off_edge(np.ones(5), texture_mm, thinnest) == pytest.approx([0.15, 0.5, 1.0, 1.0, 0.15])
     film = replace(PLATE, board=TAPE.board)
     assert (off_edge(np.ones(5), texture_mm, film) == 1.0).all()
 
