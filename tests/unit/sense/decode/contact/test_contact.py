@@ -14,7 +14,7 @@ import pytest
 from tactape_fab import Localization, Localizer
 from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.contact.layer import force_on
-from tactape_fab.sense.decode.contact.plane import GAIN, Plane, fit_plane
+from tactape_fab.sense.decode.contact.plane import GAIN, Plane, fit_plane, terms
 from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
@@ -87,6 +87,13 @@ def test_one_top_that_is_none_moves_nothing() -> None:
 def test_without_the_crown_slopes_are_less_sure() -> None:
     known, unknown = plane_of(*tops((0.03, 0.0))), plane_of(*tops((0.03, 0.0)), crown_mm=None)
     assert not unknown.flat and unknown.covariance[1, 1] > 4 * known.covariance[1, 1]
+
+
+def test_tops_close_together_leave_the_curvature_to_the_gel_s_own() -> None:
+    """0.4 mm wide they hardly show any, so that what was believed of it counts: it moves nothing that agrees with it."""
+    at = np.array((3.0, -1.0)) + np.random.default_rng(2).uniform(-0.2, 0.2, (12, 2))
+    shown = GAIN * np.array([0.3, 0.03, -0.02, -1 / CROWN_MM[0], -1 / CROWN_MM[1], 0.0])
+    assert plane_of(at, terms(at) @ shown, np.ones(12)).shown == pytest.approx(shown, abs=1e-6)
 
 
 def test_few_tops_or_tops_in_a_line_are_no_plane_to_be_sure_of() -> None:
