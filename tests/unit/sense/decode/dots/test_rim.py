@@ -8,7 +8,7 @@ import pytest
 from tactape_fab import Tape
 from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import Dots, detect
-from tactape_fab.sense.decode.dots.rim import settled
+from tactape_fab.sense.decode.dots.rim import COMPANY, CROWDED, LONELY, SUPPORT, SUPPORT_STEP, settled
 from tactape_fab.texture.frames import FloatArray
 
 PITCH_PX, SHIFT = 24.0, 1 / 6
@@ -29,6 +29,47 @@ def test_whole_dots_stay_where_they_are() -> None:
     assert (out.xy_px == xy).all()
     assert (out.weights == 1.0).all()
     assert out.trust.min() > 0.99
+
+
+@pytest.mark.parametrize("whole", [0.8, 1.0, 1.4])
+@pytest.mark.parametrize("count", [4, 25])
+def test_weights_are_over_those_of_fully_imprinted_dots(whole: float, count: int) -> None:
+    """Lower dots, and tops that are probably none, do not move that level; it is at most an ordinary good dot's."""
+    level = min(whole, 1.0)
+    weights = np.concatenate([np.full(count, whole), np.full(count + 3, 0.6 * level)])
+    xy = np.concatenate([block(), np.add(block(6), (0.0, 5 * PITCH_PX))])[: len(weights)]
+    dots = dots_at(np.concatenate([xy, [(900.0, 900.0)]]), np.append(weights, 0.95))
+    dots.trust[-1] = 0.45
+    out = settled(dots, PITCH_PX, SHIFT)
+    assert out.seen_px is not None
+    which = [int(np.flatnonzero((dots.xy_px == at).all(axis=1))[0]) for at in out.seen_px]
+    assert set(range(count)) < set(which) and len(which) > 1.2 * count
+    assert out.weights == pytest.approx(np.minimum(dots.weights[which] / level, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("apart", "weights", "trust", "support", "crowded"),
+    [
+        (1.0, (0.9, 0.8), (0.99, 0.99), (0.8 * 0.99 / 4.0, 0.9 * 0.99 / 4.0), (False, False)),
+        (2.0, (0.9, 0.8), (0.99, 0.99), (0.8 * 0.99 / 25.0, 0.9 * 0.99 / 25.0), (False, False)),
+        # nearer than two parts can be: the lower one is none, however little the higher one is trusted
+        (0.5, (0.9, 0.8), (0.6, 0.999), (0.8 * 0.999 / 1.25**2, 0.9 * 0.6 / 1.25**2), (False, True)),
+        (0.7, (0.9, 0.8), (0.99, 0.99), (0.8 * 0.99 / 1.49**2, 0.9 * 0.99 / 1.49**2), (False, False)),
+    ],
+)
+def test_trust_follows_from_the_neighbours_by_bayes_rule(
+    apart: float,
+    weights: tuple[float, float],
+    trust: tuple[float, float],
+    support: tuple[float, float],
+    crowded: tuple[bool, bool],
+) -> None:
+    xy = np.array([(50.0, 40.0), (50.0, 40.0 + apart * PITCH_PX)])
+    out = settled(Dots(xy_px=xy, weights=np.array(weights), trust=np.array(trust)), PITCH_PX, SHIFT)
+    company = 1.0 / (1.0 + np.exp((SUPPORT - np.array(support)) / SUPPORT_STEP))
+    gain = LONELY + (COMPANY - LONELY) * company + CROWDED * np.array(crowded)
+    odds = np.array(trust) / (1.0 - np.array(trust)) * np.exp(gain)
+    assert out.trust == pytest.approx(odds / (1.0 + odds), rel=1e-5)
 
 
 def test_a_lonely_bump_is_noise_and_one_with_neighbours_is_not() -> None:
