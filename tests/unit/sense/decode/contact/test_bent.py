@@ -106,6 +106,8 @@ def test_errors_of_the_slope_and_the_curvature_are_those_that_are_said() -> None
     assert (leaning.along, leaning.sine) == (0.001, bend.sine)
     assert not bend.on_flank
     assert round_a_cylinder(4.0, 4.1).on_flank
+    # 72 degrees are reached at 7.6 mm, and 0.2 mm before by the error of the curvature
+    assert round_a_cylinder(8.0, 7.45).on_flank and not round_a_cylinder(8.0, 7.3).on_flank
 
 
 ROUND_8 = ElasticContact(force_n=2.0, cylinder_radius_mm=8.0)

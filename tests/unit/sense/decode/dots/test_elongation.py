@@ -7,12 +7,21 @@ from math import cos, radians, sin
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from tactape_fab import Tape
 from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import detect
-from tactape_fab.sense.decode.dots.elongation import flipped_u, parity_log_ratio, square_pixels, turn_weights
-from tactape_fab.sense.decode.rule import MOST_TURN_SHARE
+from tactape_fab.sense.decode.dots.elongation import (
+    COMMON_ERROR,
+    USUAL_DOTS,
+    USUAL_SCATTER,
+    flipped_u,
+    parity_log_ratio,
+    square_pixels,
+    turn_weights,
+)
+from tactape_fab.sense.decode.rule import GOOD_TRUST, GOOD_WEIGHT, LEAST_GOOD, MOST_TURN_SHARE
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
 
@@ -67,6 +76,23 @@ def test_few_low_or_unknown_dots_say_nothing() -> None:
     assert turn_weights(long_at(10.0), 0.5 * ones, ones, grid, PART) == pytest.approx(FLAT)
     assert turn_weights(long_at(10.0), ones, 0.3 * ones, grid, PART) == pytest.approx(FLAT)
     assert turn_weights(long_at(10.0, 3), ones[:3], ones[:3], grid, PART) == pytest.approx(FLAT)
+
+
+def test_dots_that_are_just_good_enough_count_and_lower_ones_do_not() -> None:
+    """Log odds that a mean is positive, by the distribution function of scipy and the sample's own variance."""
+    few = long_at(78.0, LEAST_GOOD, much=0.12)
+    weights, trust = np.full(LEAST_GOOD + 2, GOOD_WEIGHT), np.full(LEAST_GOOD + 2, GOOD_TRUST)
+    weights[0], trust[-1] = GOOD_WEIGHT - 1e-6, GOOD_TRUST - 1e-6
+    every = np.concatenate([[(0.9, 0.0)], few, [(0.0, -0.9)]])
+    # parts at 33 - 45 degrees in turn 0, and at 78 degrees in turn 1
+    twice = radians(2 * (33.0 - 45.0))
+    along = few @ (-cos(twice), -sin(twice))
+    squares = LEAST_GOOD * few.var(axis=0).sum() / 2.0 + USUAL_DOTS * USUAL_SCATTER**2
+    error = np.sqrt(squares / (LEAST_GOOD - 1 + USUAL_DOTS) / LEAST_GOOD + COMMON_ERROR**2)
+    z = along.mean() / error
+    found = parity_log_ratio(every, weights, trust, grid_at(33.0), PART)
+    assert found == pytest.approx(norm.logcdf(z) - norm.logcdf(-z)) and -12.0 < found < -2.0
+    assert parity_log_ratio(every[:-2], weights[:-2], trust[:-2], grid_at(33.0), PART) == 0.0
 
 
 def test_a_small_mean_is_doubted_however_many_dots_share_it() -> None:

@@ -24,14 +24,17 @@ def at_theta(theta_deg: float) -> FloatArray:
     return np.asarray(GEL_MM @ np.array([[c, -s], [s, c]]))
 
 
+@pytest.mark.parametrize("bend", [np.zeros((2, 2)), np.array([[0.008, 0.006], [0.006, -0.004]])], ids=["even", "bent"])
 @pytest.mark.parametrize("theta_deg", [0.0, 30.0, -100.0])
-def test_dots_are_drawn_to_the_pressure_along_the_part(theta_deg: float) -> None:
-    slope = np.array([0.04, -0.03])
-    moved = drawn_px(PART, 7.0 * np.exp(GEL_MM @ slope), R * GEL_MM, at_theta(theta_deg), R)
+def test_dots_are_drawn_to_the_pressure_along_the_part(theta_deg: float, bend: FloatArray) -> None:
+    """By the slope of ln of the pressure at each dot, of a surface of first or second order."""
+    level = GEL_MM @ (0.02, -0.015) + ((GEL_MM @ bend) * GEL_MM).sum(axis=1) / 2.0
+    slope = (0.02, -0.015) + GEL_MM @ bend
+    moved = drawn_px(PART, 7.0 * np.exp(level), R * GEL_MM, at_theta(theta_deg), R)
     turn = np.radians(theta_deg - PART.rotation_deg)
     along = np.array([np.cos(turn), np.sin(turn)])
     length, width, _ = PART.body_mm
-    wanted = R * DRAWN * (length**4 - width**4) * ((slope @ along) * along - slope / 2.0)
+    wanted = R * DRAWN * (length**4 - width**4) * (np.outer(slope @ along, along) - slope / 2.0)
     assert moved is not None and np.abs(moved.shift_px - wanted).max() < 0.1 * np.abs(wanted).max()
 
 
@@ -45,10 +48,11 @@ def test_even_heights_low_ones_and_few_move_nothing() -> None:
     assert drawn_px(replace(PART, body_mm=(0.4, 0.4, 0.2)), np.ones(35), R * GEL_MM, texture, R) is None
 
 
-def test_what_heights_do_not_tell_of_larger_parts_is_in_the_covariance() -> None:
+@pytest.mark.parametrize("middle_mm", [(0.3, -0.2), (2.5, -1.8)])
+def test_what_heights_do_not_tell_of_larger_parts_is_in_the_covariance(middle_mm: tuple[float, float]) -> None:
     """Of 0402 whose heights err by 5 %, against lines fitted to the shifts by many such heights."""
     part, texture, rng = replace(PART, body_mm=(1.0, 0.5, 0.35), rotation_deg=20.0), at_theta(50.0), np.random.default_rng(0)
-    off_px = R * np.add(GEL_MM, (1.2, -0.7))
+    off_px = R * np.add(GEL_MM, middle_mm)
     found = drawn_px(part, np.ones(35), off_px, texture, R)
     assert found is not None and found.covariance is not None
     rows = []
