@@ -17,17 +17,24 @@ from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.fit import fit_grid
 from tactape_fab.sense.decode.search import built_places
 from tactape_fab.sense.decode.search.built_places import (
+    CANDIDATES,
+    MOST_CREDIT,
     Built,
+    _best,
+    _candidates,
     _design_odds,
     _Evidence,
     _fitted,
+    _is_at,
+    _looked_up,
     _Places,
     _weighed,
     as_built,
     built_of,
 )
+from tactape_fab.sense.decode.search.families import families
 from tactape_fab.sense.decode.search.hypotheses import distinct
-from tactape_fab.sense.decode.search.search import Place
+from tactape_fab.sense.decode.search.search import Place, search
 from tactape_fab.sense.decode.settings import Method
 from tactape_fab.texture.as_built import Film
 from tactape_fab.texture.code import TOUCH_CODE
@@ -196,6 +203,73 @@ def test_measured_places_are_rivals_of_a_place_by_the_design(monkeypatch: pytest
     assert answer.others * own == pytest.approx(1e-6 * np.exp(20.0 - 9.0) + rival)
     # of single places, whatever their weights; a turn's share is none of its place
     assert answer.lead == pytest.approx(np.log(own * np.exp(9.0) * 0.1) - np.log(0.9 * np.exp(16.5) * 0.4))
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_measured_place_is_compared_with_all_others_by_bayes_rule(same: bool) -> None:
+    """By the design with a share of its own, and by what was measured; its lead is over the strongest single place."""
+    cells = np.arange(16).reshape(8, 2)
+    place = Place(
+        score=14.0, weight=-9.0, tape=0, turn=1, cells=cells + (not same), shown=np.zeros((1, 1), dtype=np.uint8), others=1e-3,
+        lead=4.0, most_evidence=25.0, tables=(), groups=(), turn_weights=np.array([0.4, 0.1, 0.3, 0.2]), weights=np.zeros((4, 2)),
+    )  # fmt: skip
+    stack = np.stack([cells + 3, cells, cells + 5])
+    found = _Places(tape=np.array([1, 0, 1]), turn=np.array([2, 1, 0]), cells=stack, weight=np.array([-8.0, -9.5, -7.5]))
+    evidence = _Evidence(
+        score=np.array([9.0, 21.0, 8.5]), credit=np.array([0.5, 1.0, 0.0]), q=np.arange(3.0)[:, None, None] + np.zeros((3, 8, 4))
+    )
+    best, symbols = _best(place, found, evidence)
+    assert (best.as_built, best.tape, best.turn, best.credit) == (True, 0, 1, 1.0)
+    assert (best.score, best.weight) == (21.0 + np.log(0.9), -9.5)
+    assert (best.cells == cells).all() and (symbols == 1.0).all()
+    rivals = (1e-3 + (not same)) * np.exp(14.0 - 9.0) + np.exp(9.5 - 8.0) + np.exp(8.5 - 7.5)
+    assert best.others * 0.9 * np.exp(22.0 - 9.5) == pytest.approx(rivals)
+    strongest = max(np.exp(9.5) * 0.3, np.exp(8.5) * 0.4, np.exp(14.0 - (4.0 if same else 0.0)) * 0.1)
+    assert best.lead == pytest.approx(np.log(0.9 * np.exp(22.0) * 0.1 / strongest))
+
+
+def test_dots_beyond_the_tape_or_at_missing_parts_have_no_part() -> None:
+    tape, _ = measured(tape_7(), 0.1, missing=0.3)
+    built = built_of(tape)
+    assert built is not None
+    gone, there = (tuple(int(v) for v in np.argwhere(of)[0][::-1]) for of in (tape.placed & ~built.present, built.present))
+    last = (tape.columns - 1, tape.rows - 1)
+    beyond = [(-1, there[1]), (there[0], -1), (tape.columns, 0), (0, tape.rows)]
+    cells = np.array([[*beyond, gone, there, last]])
+    place = _Places(tape=np.array([0]), turn=np.array([0]), cells=cells, weight=np.zeros(1))
+    inside, symbol, off, own = _looked_up(place, [tape], [built])
+    assert inside[0].tolist() == [0.0] * 5 + [1.0, float(built.present[last[::-1]])]
+    assert (off[0, :4] == 0.0).all()
+    for k, (column, row) in ((5, there), (6, last)):
+        assert (symbol[0, k], own[0, k]) == (tape.symbols[row, column], built.sigma_mm[row, column])
+        assert (off[0, k] == built.shift_mm[row, column]).all()
+
+
+def test_places_of_most_evidence_are_weighed_anew_and_right_symbols_say_all_they_can() -> None:
+    tape, _ = measured(tape_7(), 0.1)
+    built = built_of(tape)
+    assert built is not None
+    cells = np.array(list(product(range(20, 25), range(10, 14))))
+    column, row = cells.T
+    symbols = tape.symbols[row, column]
+    towards = np.array([(0.0, -1.0), (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)])[symbols]
+    xy = 24.0 * (cells + towards / 6.0 + built.shift_mm[row, column] / 1.5)
+    dots = Dots(xy_px=xy, weights=np.ones(20), trust=np.full(20, 0.99))
+    fit = fit_grid(xy, dots.weights, dots.trust, 0.0, 24.0, 0.0, 0.0, 1.0 / 6.0, True)
+    # the order of the directions in q is E, S, W, N
+    q = np.full((20, 4), 0.05)
+    q[np.arange(20), np.array([3, 2, 0, 1])[symbols]] = 0.85
+    world = families([tape], open_world=False)
+    place = search([tape], world, cells, q, np.full(4, 0.25), fit.grid, np.zeros(2), None)
+    assert place is not None and (place.cells == cells).all()
+    own = _Places(tape=np.array([0]), turn=np.array([0]), cells=cells[None], weight=np.array([place.weight]))
+    found = _candidates(place, own, [tape], [built], world)
+    assert len(found.tape) == CANDIDATES and np.flatnonzero(_is_at(place, found)).tolist() == [0]
+    assert found.weight[0] == pytest.approx(place.weight)
+    evidence = _weighed(own, fit, xy, dots, _design_odds(fit, dots), (1.5, 1.0 / 6.0), True, [tape], [built])
+    # likelier than by the design, which is a credit and no evidence
+    assert 1.0 < evidence.credit[0] <= MOST_CREDIT
+    assert evidence.score[0] == pytest.approx(np.log(4.0 * evidence.q[0].max(axis=1)).sum())
 
 
 def _measured_as_designed(tape: Tape) -> Built | None:
