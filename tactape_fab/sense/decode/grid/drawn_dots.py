@@ -23,7 +23,7 @@ def drawn(texture_mm: FloatArray, weights: FloatArray, theta_rad: float) -> tupl
     with 0201 went from 7.6 to 7.9 um by touch alone and from 2.8 to 2.7 um from a scan, and calibrations stayed the same.
     """
     c, s = np.cos(theta_rad), np.sin(theta_rad)
-    at = (texture_mm - texture_mm.mean(axis=0)) @ np.array([[c, s], [-s, c]])
+    at = texture_mm @ np.array([[c, s], [-s, c]])
     # texture axes turned to the image's as in `posterior._drawn`: rows are points
     apart = at[:, None] - at
     square = (apart**2).sum(axis=2)

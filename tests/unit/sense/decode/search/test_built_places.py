@@ -20,6 +20,7 @@ from tactape_fab.sense.decode.search.built_places import (
     CANDIDATES,
     MOST_CREDIT,
     Built,
+    _around,
     _best,
     _candidates,
     _design_odds,
@@ -270,6 +271,12 @@ def test_places_of_most_evidence_are_weighed_anew_and_right_symbols_say_all_they
     # likelier than by the design, which is a credit and no evidence
     assert 1.0 < evidence.credit[0] <= MOST_CREDIT
     assert evidence.score[0] == pytest.approx(np.log(4.0 * evidence.q[0].max(axis=1)).sum())
+
+
+@pytest.mark.parametrize("directions", [4, 8])
+def test_places_round_a_grid_point_are_in_clockwise_order_from_e(directions: int) -> None:
+    turn = np.arange(directions) * 2.0 * np.pi / directions
+    assert _around(directions) == pytest.approx(np.stack([np.cos(turn), np.sin(turn)], axis=1), abs=1e-7)
 
 
 def _measured_as_designed(tape: Tape) -> Built | None:
