@@ -66,6 +66,20 @@ def test_a_bent_tape_is_not_flat_and_its_slope_is_that_of_the_image_s_centre() -
     assert -plane.shown[4] / GAIN == pytest.approx(1 / 15.7 + 1 / CROWN_MM[1], rel=0.05)
 
 
+def test_only_a_tape_that_is_bent_about_one_axis_has_a_bend() -> None:
+    bent = plane_of(*tops((0.02, 0.01), GAIN, 1 / 15.7)).bend
+    assert bent is not None and bent.curvature == pytest.approx(-1 / 15.7, rel=0.05)
+    assert np.abs(bent.across) == pytest.approx([0.0, 1.0], abs=0.02)
+    # by less than a gel's crown may be off, or where no crown is known
+    assert plane_of(*tops((0.0, 0.0), GAIN, 0.0035)).bend is None
+    assert plane_of(*tops((0.02, 0.01), GAIN, 1 / 15.7), crown_mm=None).bend is None
+    # a dome may slope as in the contact's middle, 3.2 mm from the image's centre
+    at, heights, weights = tops((0.0, 0.0), GAIN)
+    dome = plane_of(at, heights - GAIN * (at**2).sum(axis=1) / 40.0, weights)
+    assert dome.bend is None and not dome.flat
+    assert np.sqrt(dome.covariance[1:, 1:].diagonal()) == pytest.approx(np.hypot(*at.mean(axis=0)) / 20.0, rel=0.05)
+
+
 def test_tops_of_no_film_say_how_unsure_their_slope_is() -> None:
     """Domes beside the image's centre, as the imprint model has: by tops alone they lie level in their middle, or slope there."""
     scene, told = Scene(contact_offset_mm=(3.0, -2.0), contact_mm=(7.0, 7.0), tilt_mm_per_mm=(0.0, 0.0)), []
