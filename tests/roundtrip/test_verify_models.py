@@ -490,6 +490,13 @@ def vertex_moved(text: str) -> str:
     return text[: found.start(1)] + f"{float(found[1]) + 0.01:.9f}" + text[found.end(1) :]
 
 
+def vertex_below_moved(text: str) -> str:
+    """The first vertex of the base's or the film's underside, up by 50 um: the solid stays valid, and of the same volume."""
+    point = re.search(r"CARTESIAN_POINT\('',\(0\.,1\.,(-0\.\d+)\)\);\n#\d+=VERTEX_POINT", text)
+    assert point is not None
+    return text[: point.start(1)] + f"{float(point[1]) + 0.05:.2f}" + text[point.end(1) :]
+
+
 def without_block(text: str) -> str:
     """The last element's faces out of the shell and its bound out of the tile."""
     shell = re.search(r"CLOSED_SHELL\('',\(([^)]*)\)\)", text)
@@ -514,6 +521,7 @@ def wall_wider(text: str) -> str:
 SPHERE = ("CYLINDRICAL_SURFACE('',", "SPHERICAL_SURFACE('',")
 KERNEL_SOLID = [
     case("a vertex moved", text_of("step-solid", vertex_moved), "step-solid by OCCT"),
+    case("a vertex of the base", text_of("step-solid", vertex_below_moved), "step-solid by OCCT", says="50.000 um off its faces"),
     case("a block deleted", text_of("step-solid", without_block), "step-solid by OCCT"),
     case("a wall with another radius", text_of("step-solid", wall_wider), "step-solid by OCCT"),
     case("the surface of a wall", replaced("step-solid", *SPHERE), "step-solid by CAD kernels", says="1 of SPHERICAL_SURFACE"),
@@ -536,6 +544,7 @@ KERNEL_ASSEMBLY = [
     case("the board moved", text_of("step-assembly", moved_board), "step-assembly by OCCT"),
     case("part sunk", text_of("step-assembly", moved_part(1.0, (0, 0, -0.1))), "step-assembly by OCCT", says="centre of mass"),
     case("part aside", text_of("step-assembly", moved_part(1.0, (0.05, 0, 0))), "step-assembly by OCCT", says="centre of mass"),
+    case("a vertex of the film", text_of("step-assembly", vertex_below_moved), "step-assembly by OCCT", says="50.000 um off"),
     case("the part turned by 90 deg", text_of("step-assembly", moved_part(0.5, (0, 0, 0))), "step-assembly by OCCT"),
     case("a missing placement", replaced("step-assembly", MOVE, MOVE + "9"), "step-assembly by OCCT"),
 ]

@@ -19,7 +19,7 @@ volumes have relative errors of up to 1e-6, growing with the tape.
 
 
 def read_shape(path: str, *, precise: bool = True) -> dict[str, Any]:
-    """Solids, shells, faces, validity and volume of a STEP file; `precise` if this tool wrote all of it."""
+    """Solids, shells, faces, validity, volume and gaps of a STEP file; `precise` if this tool wrote all of it."""
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.Interface import Interface_Static
@@ -40,6 +40,7 @@ def read_shape(path: str, *, precise: bool = True) -> dict[str, Any]:
         "valid": bool(BRepCheck_Analyzer(shape).IsValid()),
         "volume_mm3": sum(solid[0] for solid in solids),
         "centre_mm": solids[0][1:4] if len(solids) == 1 else None,
+        "gap_mm": _gap_mm(shape),
     }
 
 
@@ -55,6 +56,13 @@ def _mass(solid: Any) -> list[float]:
     properties = GProp_GProps()
     BRepGProp.VolumeProperties_s(solid, properties)
     return [float(properties.Mass()), *_xyz(properties.CentreOfMass())]
+
+
+def _gap_mm(shape: Any) -> float:
+    """Largest distance of an edge or a vertex from the faces and edges it belongs to, mm: OCCT widens tolerances to bridge it."""
+    from OCP.ShapeAnalysis import ShapeAnalysis_ShapeTolerance
+
+    return float(ShapeAnalysis_ShapeTolerance().Tolerance(shape, 1))
 
 
 def _bounds(solid: Any) -> list[float]:
@@ -82,7 +90,7 @@ def _explore(shape: Any, kind: Any) -> Any:
 
 
 def read_assembly(path: str) -> dict[str, Any]:
-    """Occurrences of a STEP assembly: name, place and axes of each, and the solids of its products."""
+    """Occurrences of a STEP assembly: name, place and axes of each, the solids of its products, and their largest gap."""
     from OCP.STEPCAFControl import STEPCAFControl_Reader
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDF import TDF_ChildIterator
@@ -97,11 +105,12 @@ def read_assembly(path: str) -> dict[str, Any]:
     if not reader.Transfer(document):
         return {"error": "OCCT finds no assembly in it"}
     shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    occurrences, products = [], {}
+    occurrences, products, gaps = [], {}, [0.0]
     for label in _children(TDF_ChildIterator(shapes.Label())):
         if not XCAFDoc_ShapeTool.IsAssembly_s(label):
             if XCAFDoc_ShapeTool.IsSimpleShape_s(label):
                 shape = XCAFDoc_ShapeTool.GetShape_s(label)
+                gaps.append(_gap_mm(shape))
                 solids = _explore(shape, TopAbs_ShapeEnum.TopAbs_SOLID)
                 products[_name(label)] = [[*_mass(solid), *_bounds(solid)] for solid in solids]
             continue
@@ -111,7 +120,7 @@ def read_assembly(path: str) -> dict[str, Any]:
             axis = [placed.Value(row, 1) for row in (1, 2, 3)]
             up = [placed.Value(row, 3) for row in (1, 2, 3)]
             occurrences.append([_name(part), origin.X(), origin.Y(), origin.Z(), *axis, *up])
-    return {"products": products, "occurrences": occurrences}
+    return {"products": products, "occurrences": occurrences, "gap_mm": max(gaps)}
 
 
 def _children(iterator: Any) -> Any:
