@@ -60,6 +60,7 @@ def _elsewhere(content: Mapping[str, Any], tape: Tape, values: Mapping[str, Any]
     profiles = {"fab": fab.get("name"), "part": tape.part.name, "process": table("process").get("name")}
     yield from ((key, name) for key, name in profiles.items() if not str(values.get(key)).endswith(_PROFILE_FILE))
     yield "directions", content.get("directions", USUAL_DIRECTIONS)
+    yield from (("body_mm", list(tape.part.body_mm)), ("dome_top_mm", tape.part.top_mm))
     yield "tag", "none" if tape.tag is None else "strip"
     if tape.tag is not None:
         yield "tag_cell_mm", tape.tag.cell_mm

@@ -33,7 +33,10 @@ OF_FILM: dict[str, object] = {
     **{"fab": "generic-lpi", "assembly": "jlcpcb", "part_number": "C2", "coverlay": "gang", "anchor": "none"},
     **{"stiffener": "PI 0.2", "adhesive": "tesa8854 0.1", "cylinder_mm": 10.0},
 }
-OF_PRINT: dict[str, object] = {"process": "fdm", "mark": False, "cylinder_mm": 25.0, "around": "y", "shell": "whole"}
+OF_PRINT: dict[str, object] = {
+    **{"process": "fdm", "mark": False, "cylinder_mm": 25.0, "around": "y", "shell": "whole"},
+    **{"body_mm": [0.6, 0.6, 0.2], "dome_top_mm": 0.2},
+}
 
 
 @pytest.fixture(scope="module")
