@@ -63,10 +63,11 @@ from tactape_fab.verify.verification import Beside, OnCheck, Verification, colle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PanelRecord:
-    """Content of a panel's manifest."""
+    """Content of a panel's manifest; `said` is the panel as it stands there."""
 
     name: str
     panel: Panel
+    said: Mapping[str, Any]
     placed: tuple[PlacedTape, ...]
     film: FilmManifest
 
@@ -143,6 +144,7 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
     record = _PanelRecord(
         name=table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY),
         panel=read_panel_record(table.table("panel")),
+        said=table.table("panel").values,
         placed=read_placed(table),
         film=read_film_manifest(table),
     )
@@ -161,7 +163,11 @@ def _on_panel(folder: Path, place: PlacedTape) -> _OnPanel:
 
 def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check:
     """Check number, size and places of the kits against those of the panel, and that designators are consecutive."""
-    panel, problems = record.panel, []
+    panel = record.panel
+    # values that follow from others, as the outline of a grid does, are not read
+    follow = {key: value for key, value in panel.to_mapping().items() if key in ("size_mm", "corner_radius_mm")}
+    other = [key for key, value in follow.items() if not np.array_equal(record.said.get(key, value), value)]
+    problems = [f"the panel's {named(other)} in the manifest do not follow from what else it says"] if other else []
     if len(tapes) != panel.count:
         problems.append(f"{len(tapes)} tapes where the panel has {panel.words}")
     number = 1

@@ -246,6 +246,8 @@ MUTATIONS: dict[str, tuple[Edit, str]] = {
     "a tape turned by half": (lambda k: k.manifest["tapes"][1].update(rotation_deg=45.0), "manifest"),
     "a path out of the panel": (lambda k: k.manifest["tapes"][1].update(manifest="tapes/../../x/manifest.json"), "manifest"),
     "more rows than tapes": (lambda k: k.manifest["panel"].update(rows=3), "arrangement"),
+    "another outline in the manifest": (lambda k: k.manifest["panel"].update(size_mm=[74.0, 76.05]), "arrangement"),
+    "another radius in the manifest": (lambda k: k.manifest["panel"].update(corner_radius_mm=1.05), "arrangement"),
     "a wider gap": (lambda k: k.manifest["panel"].update(gap_mm=2.5), "arrangement"),
     "one tab less": (lambda k: k.manifest["panel"].update(tabs_x=1), "profile"),
     "the notes' size": (text_of("order-notes", lambda t: t.replace(" x 76 mm", " x 77 mm")), "order-notes"),
