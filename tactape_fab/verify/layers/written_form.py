@@ -16,7 +16,7 @@ from tactape_fab.verify.files import WrittenFile
 _NAME = "written form"
 _SAME_MM = 2e-6
 """Largest difference between two readings of a coordinate, as gerbonara's are sums of floats."""
-_FUNCTION = re.compile(rb"TA([^*%]*)")
+_FUNCTION = re.compile(rb"^(?:%|G04 #@! )TA([^*%]*)", re.MULTILINE)  # names and values may have these letters, too
 _FUNCTIONS = {
     "copper-top": {b".AperFunction,SMDPad,CuDef", b".AperFunction,Conductor", b".AperFunction,FiducialPad,Global"},
     "profile": {b".AperFunction,Profile"},

@@ -650,9 +650,10 @@ def test_panels_and_all_kinds_of_film_pass(panel_2: PanelKit, tmp_path: Path) ->
 
     assert verify_kit(panel_2.path, quick=True).passed
     specs: list[dict[str, Any]] = [
-        {"pitch_mm": 2.0, "coverlay": "per-part", "anchor": "mesh"},
+        # names with the letters of the attributes TA and TO
+        {"pitch_mm": 2.0, "coverlay": "per-part", "anchor": "mesh", "name": "TAPE-TO.1"},
         {"coverlay": "gang", "stiffener": "FR4 0.2", "adhesive": "3M468 0.13"},
-        {"fab": "pcbway-fr4", "x2": "comments"},
+        {"fab": "pcbway-fr4", "x2": "comments", "name": "DATA"},
         {"fab": "generic-lpi", "x2": "off", "holes_mm": [(16.4, 10.0, 1.0), (16.4, 14.0, 0.8)]},
     ]
     for number, values in enumerate(specs):
