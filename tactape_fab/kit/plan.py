@@ -14,6 +14,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, ReachProblem, SpecError, refusal
 from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
+from tactape_fab.kit.spec.board_options import no_tag
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.board import LONGEST_MM, TAG_FAMILY, Board, Tag
 from tactape_fab.texture.code import DEFAULT_CODE, Code, get_code
@@ -264,7 +265,11 @@ def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Ite
         f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window "
         f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use --size "
         f"{max(spec.size_mm[0], least[0]):g}x{max(spec.size_mm[1], least[1]):g}"
-        + (", or --tag none" if spec.tag == "strip" and _holds(spec.with_values(tag="none", tag_id=None), code, claim) else ""),
+        + (
+            f", or {no_tag(spec.tag_id, spec.sector)}"
+            if spec.tag == "strip" and _holds(spec.with_values(tag="none", tag_id=None), code, claim)
+            else ""
+        ),
         needs=(*claim.needs, "code", "corner_radius_mm"),
     )
 
@@ -345,7 +350,7 @@ def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
         yield Problem(
             "corner_radius_mm",
             f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {ink_edge_mm:g} "
-            f"mm inside the outline; use --corner-radius {most_mm:g}, or --tag none",
+            f"mm inside the outline; use --corner-radius {most_mm:g}, or {no_tag(spec.tag_id, spec.sector)}",
             needs=("fab", "size_mm", "tag", "tag_cell_mm"),
         )
 

@@ -42,6 +42,7 @@ NAMED = (
     "--sector 7 --hole 50,25,0.05",
     "--sector 7 --hole 50,25,2 --hole 51,25,2 --hole 52,25,2",
     "--sector 7 --hole 3,3.5,1",
+    "--sector 7 --hole 3,3.5,1 --tag-id 8",
     "--sector 7 --w 2 --anchor spur --stiffener FR4:0.2 --bend-axis x --bend-radius 1",
     "--sector 7 --part block --process fdm",
     "--sector 7 --part cone --process fdm --base 0.3",
@@ -63,6 +64,9 @@ def alternatives(message: str) -> Iterator[str]:
 
 def typed(command: str, way: str) -> str:
     """The command with the options of a remedy in place of its own."""
+    way, _, gone = way.partition(" without ")
+    if gone:
+        command = re.sub(rf"{gone} \S+", "", command)
     words, said = shlex.split(command), shlex.split(way[way.index("--") :].replace(", --", " --"))
     for at, option in [(i, word) for i, word in enumerate(said) if word.startswith("--")]:
         value = said[at + 1] if at + 1 < len(said) and not said[at + 1].startswith("--") else None

@@ -15,6 +15,7 @@ from tactape_fab.kit.film.layout import Layout, labelled_size_mm
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import FabProfile, PartProfile, ProcessProfile, cited
 from tactape_fab.kit.rules.remedies import opening_words, part_words, wider_words
+from tactape_fab.kit.spec.board_options import no_tag
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.board import Board
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
@@ -239,6 +240,8 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     legend = layout.legend
     if not legend.areas_mm:
         return
+    tag = layout.tape.tag
+    without = no_tag(None if tag is None else tag.id, layout.tape.sector)
     ink = _ink(layout)
     right_end = shapely.total_bounds(ink)[2] + _NEAR_LEGEND_MM
     # the strip is at the left end: openings more than 5 mm right of the ink are far from every limit. At least one column is
@@ -252,12 +255,12 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         "opening-legend",
         worst_at(gaps_mm(openings, ink), near),
         f"legend to {fab.mask_name} opening",
-        "use --tag none",
+        f"use {without}",
     )
     if layout.tape.board.holes:
         holes = np.array(layout.tape.board.holes)
         gaps = gaps_mm(shapely.points(holes[:, :2]), ink) - holes[:, 2] / 2
-        yield finding(fab, "hole-legend", worst_at(gaps, holes), "legend to hole", "use --tag none, or leave the hole out")
+        yield finding(fab, "hole-legend", worst_at(gaps, holes), "legend to hole", f"use {without}, or leave the hole out")
     if legend.left_out:
         yield Finding(
             rule="label",

@@ -30,6 +30,11 @@ def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool)
     }
 
 
+def no_tag(tag_id: int | None, sector: int) -> str:
+    """Options that leave out a tag; an id that does not follow from the sector was asked for, and would contradict them."""
+    return "--tag none" if tag_id in (None, sector) else "--tag none without --tag-id"
+
+
 def _tag_id(table: Fields, tag: str, sector: int) -> int | None:
     if tag == "none":
         if "tag_id" in table.values and not table.refused("tag_id"):

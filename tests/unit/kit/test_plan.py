@@ -399,6 +399,23 @@ def test_the_message_of_a_size_too_small() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "values",
+    [{"size_mm": (10.0, 50.0)}, {"corner_radius_mm": 3.5}, {"holes_mm": [(3.0, 3.5, 0.5)]}],
+    ids=["size", "corner", "hole"],
+)
+def test_an_id_of_the_tag_goes_with_the_tag(values: dict[str, Any]) -> None:
+    for tag_id, without in ((7, "--tag none"), (8, "--tag none without --tag-id")):
+        try:
+            said = "; ".join(
+                f.message for f in examine(TapeSpec(**{"sector": 7, "tag_id": tag_id, **values})).findings if not f.passed
+            )
+        except SpecError as error:
+            said = str(error)
+        # with an id that was asked for, --tag none alone would be refused in its turn
+        assert re.findall(r"--tag none(?: without --tag-id)?", said) == [without]
+
+
 def test_a_size_beyond_the_code_names_its_reach_and_the_reach_works() -> None:
     with pytest.raises(CapacityError) as caught:
         TapeSpec(sector=7, size_mm=(5600.0, 50.0))
