@@ -360,8 +360,11 @@ def undrawable(problems: Sequence[Problem], spec: TapeSpec, film: Film) -> list[
     found = []
     for problem in (p for p in problems if p.key == "part"):
         words = film_remedy(spec, film.fab, film.layout.part).words() or "use a smaller part"
-        without = "leave out --sim" if spec.form is None else "--no-3d"
-        message = f"{problem.message.rpartition('; ')[0]}; {words}, or {without}"
+        without = ", or leave out --sim" if spec.form is None else ""
+        # beside options of the models or assets of them, --no-3d alone would be refused, or be of no use
+        if spec.form == SolidForm() and not spec.sim:
+            without = ", or --no-3d"
+        message = f"{problem.message.rpartition('; ')[0]}; {words}{without}"
         found.append(Finding(rule="models", level="block", passed=False, unit="", message=message))
     return found
 

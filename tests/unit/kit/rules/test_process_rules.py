@@ -325,6 +325,9 @@ def test_parts_that_a_fab_places_may_be_too_large_for_models(tmp_path: Path) -> 
     assert finding.blocks
     assert "larger than its cell" in finding.message
     assert finding.message.endswith("or --no-3d")
+    # --no-3d would be refused beside options of models, and be of no use with assets of them
+    for option in ({"cylinder_mm": 15.0}, {"base_mm": 1.0}, {"negative": True}, {"sim": True}):
+        assert "--no-3d" not in by_rule(examine(spec_of(**values, **option)).findings)["models"].message
     with pytest.raises(DesignRuleError, match="models: "):
         make_kit(spec_of(**values), tmp_path / "kit", verify=False)
     assert "models" not in by_rule(examine(spec_of(**values, models=False)).findings)
