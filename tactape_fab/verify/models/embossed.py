@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Check, SpecError, refuse
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, named
 from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl, stl_problems
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import nearest
@@ -21,6 +21,9 @@ from tactape_fab.verify.symbols import check_symbols
 _VOLUME_ERROR = 1e-6
 _PLACE_ERROR_MM = 1e-3
 _TOP_FROM = 0.6
+_GRID_SHARE, _GRID_SHARE_OF_PITCH, _GRID_SHARE_UP = 0.1, 4.0, 0.3
+"""Largest error of an element's displacement from its grid point, as a fraction of it: on a flat part, for each of the recorded
+pitch error, and along the normal. On 98 parts it was at most 2.1 of the pitch error, and 0.06 along the normal."""
 
 
 def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_bytes: bytes) -> list[Check]:
@@ -36,6 +39,8 @@ def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_byt
         surface = table.table("surface")
         volume_mm3 = surface.number("volume_mm3", above=0.0, unit="mm3")
         bodies = surface.integer("bodies", low=1, high=1_000_000)
+        distortion = surface.table("distortion")
+        pitch_error = max(abs(distortion.number(f"pitch_error_{end}", low=-1.0, high=1.0, unit="")) for end in ("min", "max"))
         refuse(table.problems)
     except SpecError as error:
         return [Check(name="manifest", passed=False, message="; ".join(str(error).splitlines()))]
@@ -48,7 +53,7 @@ def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_byt
         placed = read_placements(placements_bytes, tape.part_count)
     except PlacementsError as error:
         return [*checks, Check(name="placements", passed=False, message=str(error))]
-    checks.append(_check_rows(tape, placed))
+    checks.append(_check_rows(tape, placed, pitch_error))
     if not checks[-1].passed:
         return checks
     owner, tops = _tops(tape, placed, mesh)
@@ -74,7 +79,7 @@ def _check_volume(mesh: Mesh, volume_mm3: float) -> Check:
     return Check(name="volume", passed=error <= _VOLUME_ERROR, message=message, figure=error)
 
 
-def _check_rows(tape: Tape, placed: Placed) -> Check:
+def _check_rows(tape: Tape, placed: Placed, pitch_error: float) -> Check:
     problems = []
     if list(placed.designators) != tape.designators():
         problems.append("its designators are not the tape's")
@@ -85,6 +90,13 @@ def _check_rows(tape: Tape, placed: Placed) -> Check:
     askew = max(float(np.abs(lengths).max()), float(np.abs((placed.x_axis * placed.normal).sum(axis=1)).max()))
     if askew > 1e-6:
         problems.append("its axes are not unit vectors at right angles")
+    if not problems:
+        moved = _moved(placed)
+        wanted = tape.part_xy_mm() - texture_to_board(placed.cells * tape.pitch_mm, tape.board.texture_origin_mm)
+        share = np.c_[np.linalg.norm(moved[:, :2] - wanted, axis=1), np.abs(moved[:, 2])] / tape.displacement_mm
+        off = np.flatnonzero((share > (_GRID_SHARE + _GRID_SHARE_OF_PITCH * pitch_error, _GRID_SHARE_UP)).any(axis=1))
+        if len(off):
+            problems.append(f"its grid points of {named([placed.designators[i] for i in off])} are elsewhere")
     message = "; ".join(problems) if problems else f"{len(placed.designators)} elements as in the manifest"
     return Check(name="placements", passed=not problems, message=message, figure=float(len(placed.designators)))
 
@@ -104,10 +116,15 @@ def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]
     return owner[high], local[high]
 
 
+def _moved(placed: Placed) -> FloatArray:
+    """Every element's place as seen from its grid point, along the board's x and y axes and its normal; shape (n, 3), mm."""
+    axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
+    return np.asarray(np.einsum("nij,nj->ni", axes, placed.points_mm - placed.grid_mm))
+
+
 def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> Check:
     """Check that the centre of every element's top is above its place, at the element's height."""
-    axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
-    moved = np.einsum("nij,nj->ni", axes, placed.points_mm - placed.grid_mm)
+    moved = _moved(placed)
     low, high = bounds_of_groups(len(moved), owner, tops)
     there = np.isfinite(low[:, 0])
     if not there.all():

@@ -306,6 +306,7 @@ MUTATIONS: list[tuple[Callable[[dict[str, Any]], object], set[str]]] = [
     (lambda p: p.update(csv=p["csv"].replace(b"R7,", b"R8,")), {"placements"}),
     (changed_csv(lambda rows: rows[5].__setitem__(3, "1e9")), {"placements"}),
     (changed_csv(lambda rows: rows[5].__setitem__(3, f"{float(rows[5][3]) + 0.02:.6f}")), {"elements"}),
+    (changed_csv(lambda rows: rows[5].__setitem__(7, f"{float(rows[5][7]) + 0.05:.6f}")), {"placements"}),
 ]
 
 
