@@ -112,10 +112,11 @@ def test_vertices_beyond_a_cell_are_of_no_element() -> None:
         ({"normal": PLACED.normal * (1.0 + 6e-7)}, "its axes are not unit vectors at right angles"),
         ({"x_axis": PLACED.x_axis * (1.0 - 6e-7)}, "its axes are not unit vectors at right angles"),
         ({"x_axis": PLACED.x_axis @ np.array([[1.0, 0, 0], [0, 1, 0], [2e-6, 0, 1]])}, "its axes are not unit vectors"),
+        ({"grid_mm": PLACED.grid_mm + 0.05 * AXES[0]}, "its grid points of R1, R2,"),
     ],
 )
 def test_rows_of_the_placements_are_the_tape_s(changes: dict[str, object], says: str) -> None:
-    check = _check_rows(TAPE, replace(PLACED, **changes))  # type: ignore[arg-type]
+    check = _check_rows(TAPE, replace(PLACED, **changes), 0.0)  # type: ignore[arg-type]
     assert check.message.startswith(says) and check.passed == ("manifest" in says)
 
 
