@@ -127,7 +127,9 @@ def _layers(count: int, mask: str, opening: str, height: str, made: Made) -> Ite
             f"{order.thickness_mm:g}",
         )
     )
-    yield rf"legend (?:none|{text(legend)}, lines of {line} or more)"
+    ink = made.gerbers.get("legend-top")
+    printed = f"{text(legend)}, lines of {line} or more"
+    yield f"legend {f'(?:none|{printed})' if ink is None else printed if ink.areas_mm or ink.strokes_mm else 'none'}"
     openings = _opened(made, "one opening for all parts", f"{count} openings of {opening}, never merged")
     if made.on_panel:
         openings = f"(?:{openings}|opened for all parts of a tape, or for each part: as drawn)"

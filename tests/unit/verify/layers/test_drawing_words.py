@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -175,7 +176,13 @@ def test_words_that_are_of_one_kind_of_kit_are_asked_of_it() -> None:
     tapes = words.replace("All parts turned 45?", "Parts, tape by tape, turned 45? or 135?").replace("part 45? 1", "part 135? 1")
     tapes = tapes.replace("like this: /", "like this: / or, on turned tapes, \\")
     assert word_problems(tapes, turned, made) == []
-    assert word_problems(words.replace("legend white, lines of 0.15 or more", "legend none"), expected, made) == []
+    # without ink there is none, and nobody knows without the layer
+    bare = words.replace("legend white, lines of 0.15 or more", "legend none")
+    inked, empty = SimpleNamespace(areas_mm=[np.zeros((3, 2))], strokes_mm=()), SimpleNamespace(areas_mm=(), strokes_mm=())
+    layers: list[dict[str, Any]] = [{}, {"legend-top": inked}, {"legend-top": empty}]
+    for gerbers, says_none, says_white in zip(layers, (True, False, True), (True, True, False), strict=True):
+        known = replace(made, gerbers=gerbers)
+        assert [not word_problems(each, expected, known) for each in (bare, words)] == [says_none, says_white]
 
 
 @pytest.mark.parametrize(

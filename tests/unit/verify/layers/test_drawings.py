@@ -80,7 +80,7 @@ CHANGES: dict[str, tuple[Callable[[str], str], str]] = {
     "outline larger": (lambda text: text.replace("40.000000", "40.002000"), "its outline is not that of 40 x 30 mm"),
     "outline twice": (added(line("OUTLINE", (0.0, 0.0), (40.0, 30.0))), "its outline is not that of 40 x 30 mm"),
     "a slot": (added(line("SLOTS", (1.0, 1.0), (2.0, 9.0))), "its SLOTS are 1 contours that are not the 0"),
-    "field smaller": (swapped("39.300000\n 20\n28.700000", "35.000000\n 20\n28.700000"), ""),
+    "field with a corner cut off": (swapped("39.300000\n 20\n28.700000", "35.000000\n 20\n28.700000"), "is no rectangle"),
     "field without the last parts": (lambda text: text.replace("39.300000", "36.000000"), "parts lie in no FIELD of it"),
     "two fields": (added(line("FIELD", (0.0, 0.0), (1.0, 1.0))), ""),
     "no field": (
