@@ -27,11 +27,13 @@ class Template:
     value (channels, m)
     sigma (channels, m): Scatter of each sample about it, robust.
     used (m,): Mask of the samples that are fitted.
+    tail (channels, m): Residual that nine parts of ten are below, over that of a normal scatter; 1 or more.
     """
 
     value: FloatArray
     sigma: FloatArray
     used: BoolArray
+    tail: FloatArray
 
     def flat(self, picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """The used samples of all channels; shape (..., channels * used)."""
@@ -54,10 +56,11 @@ class Step:
     move (n, 3): Along a, along b (mm), and the turn (rad), in the patch's axes; 0 turn where it was not asked for.
     sigma_mm (n, 2): Of the place along a and b, from the residuals of the patch, correlation of neighbouring samples taken into
         account.
-    misfit (n,): Root mean square residual, in units of each sample's scatter.
+    misfit (n,): Root mean square residual, in units of each sample's scatter and tail.
     gain (n,): Contrast of the patch in units of the template's.
     nuisance (k,): Strength of each nuisance among the patches.
     scatter (channels, m): Robust scatter of each sample about the fit, to weigh the next fit by.
+    tail (channels, m): As of a template, to judge the next fit by.
     """
 
     move: FloatArray
@@ -66,6 +69,7 @@ class Step:
     gain: FloatArray
     nuisance: FloatArray
     scatter: FloatArray
+    tail: FloatArray
 
 
 def learn_template(channels: Samples, used: BoolArray) -> Template:
@@ -76,7 +80,8 @@ def learn_template(channels: Samples, used: BoolArray) -> Template:
     value = np.median(channels, axis=0)
     # of a normal scatter the median deviation is 0.6745 sigma
     sigma = 1.4826 * np.median(np.abs(channels - value), axis=0)
-    return Template(value=value.astype(np.float64), sigma=_not_too_small(sigma, used).astype(np.float64), used=used)
+    sigma = _not_too_small(sigma, used).astype(np.float64)
+    return Template(value=value.astype(np.float64), sigma=sigma, used=used, tail=np.ones_like(sigma))
 
 
 def _not_too_small(sigma: npt.NDArray[Any], used: BoolArray) -> npt.NDArray[Any]:
@@ -129,17 +134,21 @@ def step(
     posterior = np.median(variance[:, None] * np.diagonal(inverse, axis1=1, axis2=2), axis=0)
     # estimates are drawn to 0 by the prior: their own scatter and what the fit leaves open add up to that of the parts
     strength = 1.4826 * np.median(np.abs(solved), axis=0)
-    scatter = template.sigma.copy()
-    scatter[:, template.used] = (1.4826 * np.median(np.abs(left[:: max(1, n // _MOST_PATCHES)]), axis=0) * sigma).reshape(
-        count, -1
-    )
+    scatter, tail = template.sigma.copy(), np.ones_like(template.sigma)
+    # where metal ends differ in length, one part in six may show metal where the others show body: such a sample is of no use to
+    # tell a good part
+    near, far = np.quantile(np.abs(left[:: max(1, n // _MOST_PATCHES)]), (0.5, 0.9), axis=0) * sigma * ((1.4826,), (1 / 1.645,))
+    scatter[:, template.used] = near.reshape(count, -1)
+    scatter = _not_too_small(scatter, template.used)
+    tail[:, template.used] = np.maximum(1.0, far.reshape(count, -1) / scatter[:, template.used])
     return Step(
         move=np.column_stack([solved[:, 0], solved[:, 1], solved[:, 2] if turns else np.zeros(n)]),
         sigma_mm=np.sqrt(variance[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :2]),
-        misfit=np.sqrt(np.square(left).mean(axis=1, dtype=np.float64)),
+        misfit=np.sqrt(np.square(left / template.flat(template.tail).astype(np.float32)).mean(axis=1, dtype=np.float64)),
         gain=1.0 + solved[:, 3 if turns else 2],
         nuisance=np.sqrt(strength**2 + posterior)[k - extra :],
-        scatter=_not_too_small(scatter, template.used),
+        scatter=scatter,
+        tail=tail,
     )
 
 

@@ -37,10 +37,10 @@ _BRIGHTER = 1.0
 """Prior sigma of the brightness of metal and solder, in units of the film's: wide, as brightness does not tell a position."""
 _TURNS_DEG = np.arange(-90.0, 90.0, 15.0)
 _SAME_TURN_DEG = 15.0
-_POOR, _BETTER, _VERY_POOR = 1.4, 0.45, 2.5
+_POOR, _BETTER, _VERY_POOR = 1.2, 0.45, 2.5
 """Misfit, in units of the usual one, from which on a part is looked at in all turns; share of it that another turn may have at
 most to be taken; and misfit from which on a little more is enough. By drawn scans of 600 to 2400 dpi: where parts are placed to
-0.05 mm, those turned by 60 to 90 degrees have more than 1.4, and 0.2 to 0.45 of it in their own turn. Where to 0.1 mm, or where
+0.05 mm, those turned by 60 to 90 degrees have more than 1.3, and 0.2 to 0.45 of it in their own turn. Where to 0.1 mm, or where
 solder and metal ends differ much from part to part, the usual misfit is larger: 13 of 32 such parts, and up to 22 of 40, have
 less than 1.4 or more than that share, and are not seen to be turned. Good parts are many: of 23,700 nine have less than 0.8 of
 their misfit across, and none 0.45.
@@ -166,21 +166,21 @@ def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
     used = np.ones(scene.grid.count, dtype=bool)
     # five kinds of difference for each of two ends, in the order of `_ends`
     strength = np.tile([_END_MM, _BRIGHTER, _BRIGHTER, _BRIGHTER, _BRIGHTER], 2)
-    scatter: FloatArray | None = None
+    seen: Step | None = None
     there = np.flatnonzero(usual)
     some = _evenly(usual)
     fewer = state.of(some)
     for learning in range(_LEARNINGS):
         template = learn_template(scene.patches(sites_mm[some], fewer), used)
-        if scatter is not None:
-            template = replace(template, sigma=scatter)
+        if seen is not None:
+            template = replace(template, sigma=seen.scatter, tail=seen.tail)
         # a robust step costs twice as much, and is worth it from near the place only
         for last in (False,) * (_STEPS - learning - 1) + (True,):
             ends = Nuisance(pictures=_ends(template, scene.grid, scene.tape), sigma=strength)
             fewer, fit = _moved(scene, sites_mm[some], fewer, template, ends, robust=last)
             # only where the inner edges lie is learned; how much brighter ends may be does not matter (`_BRIGHTER`)
             strength[::5] = np.clip(fit.nuisance[::5], _LEAST_END_MM, 2 * _END_MM)
-        scatter = fit.scatter
+        seen = fit
     state.put(some, fewer)
     others = np.setdiff1d(there, some)
     if len(others):

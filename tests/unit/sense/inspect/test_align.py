@@ -27,7 +27,7 @@ def looks(a_mm: FloatArray, b_mm: FloatArray) -> FloatArray:
 
 
 TRUE = looks(GRID.a_mm, GRID.b_mm)
-TEMPLATE = Template(value=TRUE, sigma=np.full(TRUE.shape, NOISE), used=USED)
+TEMPLATE = Template(value=TRUE, sigma=np.full(TRUE.shape, NOISE), used=USED, tail=np.ones(TRUE.shape))
 
 
 def patches(turn: FloatArray, noise: FloatArray) -> Samples:
@@ -80,6 +80,20 @@ def test_patches_of_twice_the_noise_err_by_twice_as_much() -> None:
     one, two = (step(patches(TURN * 0, k * white())[:100], TEMPLATE, GRID, turns=False) for k in (1.0, 2.0))
     assert np.median(two.sigma_mm / one.sigma_mm, axis=0) == pytest.approx([2.0, 2.0], rel=0.05)
     assert two.misfit == pytest.approx(2.0 * one.misfit, rel=0.1)
+
+
+def test_samples_that_one_part_in_six_shows_otherwise_do_not_tell_a_good_part() -> None:
+    """Where ends differ in length, good parts were said to be covered: the median deviation of such samples is that of noise."""
+    odd, some = np.arange(200) % 6 == 0, USED & (np.abs(GRID.a_mm - 0.18) < 0.03)
+    noise = white()
+    noise += 8.0 * NOISE * (odd[:, None, None] & some)
+    first = step(patches(TURN * 0, noise), TEMPLATE, GRID, turns=False)
+    assert (first.tail >= 1.0).all() and (first.tail[:, ~USED] == 1.0).all()
+    assert np.median(first.tail[:, some]) > 3.0 and np.median(first.tail[:, USED & ~some]) < 1.3
+    assert np.median(first.scatter[:, some]) == pytest.approx(1.25 * NOISE, rel=0.1)  # the median of five in six
+    then = step(patches(TURN * 0, noise), replace(TEMPLATE, tail=first.tail), GRID, turns=False)
+    assert np.median(first.misfit[odd]) > 1.7 and np.median(then.misfit[odd]) < 1.3
+    assert then.move == pytest.approx(first.move)
 
 
 @pytest.mark.parametrize(("axis", "correlation"), [(-1, 0.5), (-2, 0.5), (-1, 0.0)])

@@ -156,10 +156,17 @@ def test_a_speck_as_dark_as_bodies_at_a_part_is_seen(kit_40: Kit, tmp_path: Path
     assert one.sigma_mm[list(beside)] == pytest.approx(0.1, rel=1e-3)
 
 
-def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("scanner", "seed"),
+    [(Scanner(dpi=2400, glare=0.0), 1), (Scanner(blur_mm=0.012, band_mm=0.02, noise=1.0, glare=0.0), 2)],
+    ids=["no glare", "ends that differ"],
+)
+def test_good_parts_that_look_a_little_different_are_not_covered(
+    scanner: Scanner, seed: int, kit_40: Kit, tmp_path: Path
+) -> None:
     tape = Tape.load(kit_40.path)
-    built = assembled(tape, missing=5, seed=1)
-    (one,) = inspect_scans(write(tmp_path / "dull.png", scan(tape, built, Scanner(dpi=2400, glare=0.0), seed=1)), kit_40.path)
+    built = assembled(tape, missing=5, seed=seed)
+    (one,) = inspect_scans(write(tmp_path / "scan.png", scan(tape, built, scanner, seed=seed)), kit_40.path)
     assert [found.kind for found in one.deviations()] == ["missing"] * 5
 
 
