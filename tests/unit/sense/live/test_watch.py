@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Event, Thread
-from time import sleep
+from time import perf_counter, sleep
 
 import numpy as np
 import pytest
@@ -88,13 +88,15 @@ def test_the_latest_frame_is_located_and_those_before_it_are_counted() -> None:
             sleep(0.005)
             yield frame(k, timestamp=float(k))
 
-    tally = Tally()
+    tally, start_s = Tally(), perf_counter()
     found = answers(source, tally, slow)
+    all_ms = 1000.0 * (perf_counter() - start_s)
     numbers = [located.frame for located in found]
     assert numbers == sorted(set(numbers)) and numbers[-1] == 59
     assert tally.dropped == 60 - len(found) > 0
     assert [located.fix.timestamp for located in found] == [float(k) for k in numbers]
-    assert tally.latencies.percentile_ms(99) < 200.0
+    # in a queue the last of 60 frames would wait for three quarters of the time
+    assert tally.latencies.percentile_ms(99) < all_ms / 2
 
 
 def test_frames_that_may_wait_are_all_located() -> None:
