@@ -53,7 +53,7 @@ _COVERED = 3.2
 dpi four reach 2.6."""
 _MOST_AREA = 2.0
 """Area of body colour about a part from which on something lies on it or touches it: the fit takes the edge of a dark speck for
-the part's, and is off by up to 0.3 mm without a poor misfit. In drawn scans nine such parts of ten have 2.1 to 4.8, and of 13,000
+the part's, and is off by up to 0.3 mm without a poor misfit. In drawn scans nine such parts of ten have 2.1 to 4.8, and of 15,000
 others none more than 1.97."""
 _LEAST_USUAL = 1.8
 """Usual misfit, in scatters, of scans with glare; without it parts are more alike, and 4 good ones of 400 looked covered."""
@@ -80,7 +80,7 @@ class Bodies:
     @property
     def covered(self) -> BoolArray:
         """Where something lies on the part, or it is none of the others' kind: its place is not to be relied on; (n,)."""
-        return np.asarray((self.misfit > _COVERED) | (self.area > _MOST_AREA))
+        return _covered(self.misfit, self.area)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,7 +147,7 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
         state = _all_turns(scene, sites_mm, state, start, poor, template, ends, misfit)
     state.sigma_mm[:, 0] *= farther
     start_mm[area > _MOST_AREA] = np.median(state.shift_mm[usual], axis=0)  # the colour's centroid is the speck's
-    covered = usual & ((state.misfit > _COVERED) | (area > _MOST_AREA))
+    covered = usual & _covered(state.misfit, area)
     state.shift_mm[covered], state.turn_deg[covered], state.sigma_mm[covered] = start_mm[covered], middle, _COVERED_SIGMA_MM
     # parts were fitted to the template, whose own centre is somewhere beside that of its grid
     shift = state.shift_mm + _along(tape, state.turn_deg, *_centre(scene, sites_mm, state, usual, template))
@@ -156,6 +156,10 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
     # the mean of both axes' variances
     sigma_mm = np.sqrt(np.square(state.sigma_mm).mean(axis=1))
     return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=sigma_mm, area=area, misfit=state.misfit)
+
+
+def _covered(misfit: FloatArray, area: FloatArray) -> BoolArray:
+    return np.asarray((misfit > _COVERED) | (area > _MOST_AREA))
 
 
 def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray) -> tuple[_State, Template, Nuisance, float]:
