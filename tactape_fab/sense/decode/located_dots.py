@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
+from functools import partial
 from math import cos, sin
 from typing import Any, TypeVar
 
@@ -31,8 +32,9 @@ class LazyDots(LocatedDots):
 
     __slots__ = ("_compute",)
 
-    def __init__(self, compute: Callable[[], LocatedDots]) -> None:
-        object.__setattr__(self, "_compute", compute)
+    def __init__(self, compute: Callable[[], LocatedDots] | None = None, /, **values: Any) -> None:
+        """Of the function that computes them, or of the values of all fields, as `dataclasses.replace` gives them."""
+        object.__setattr__(self, "_compute", compute or partial(replace, LocatedDots(**values)))
 
     def __getattr__(self, name: str) -> Any:
         """Called for a field that is not computed yet; computes all fields."""

@@ -368,3 +368,11 @@ def test_lazy_dots_are_computed_once_and_have_no_other_fields() -> None:
     assert not asked
     assert lazy.inlier.tolist() == [False, True, False, False, True]
     assert lazy.cell[1].tolist() == [3, 4] and lazy.uv_px.tolist() == SEEN.tolist() and asked == [1]
+
+
+def test_dots_not_yet_computed_can_be_replaced() -> None:
+    lazy = LazyDots(lambda: put_together(np.zeros((3, 2))))
+    changed = pickle.loads(pickle.dumps(replace(lazy, inlier=np.ones(5, dtype=bool))))
+    assert changed.inlier.all() and changed.uv_px.tolist() == SEEN.tolist()
+    with pytest.raises(TypeError, match="cells"):
+        replace(lazy, cells=SEEN)  # type: ignore[call-arg]
