@@ -25,6 +25,7 @@ from tactape_fab.sense.decode.paper.dot_grid import (
 from tactape_fab.sense.decode.paper.method import grid_px, sensor_position_mm
 from tactape_fab.sense.decode.paper.preprocess import contact_centre, contact_dot, detect_dots, high_pass
 from tactape_fab.sense.decode.paper.windows_read import (
+    agreeing,
     choose,
     contact_position_mm,
     majority,
@@ -75,6 +76,16 @@ def test_dots_are_the_centres_of_the_bumps_whatever_the_unit_and_the_background(
         distance = np.hypot(*(true[:, None] - found).transpose(2, 0, 1)).min(axis=1)
         assert distance.max() < 1.0
     assert detect_dots(np.where(depth > 0.2, np.nan, depth), R, 0.18).shape[1] == 2
+
+
+@pytest.mark.parametrize(
+    ("px_per_mm", "side_px", "expected"), [(16.0, 10, [[14.5, 14.5]]), (16.0, 3, []), (3.0, 3, [[31.0, 31.0], [11.0, 11.0]])]
+)
+def test_specks_are_no_dots(px_per_mm: float, side_px: int, expected: list[list[float]]) -> None:
+    """Nor is what is smaller than a fifth of a body, a line, or a single pixel at any scale."""
+    depth = np.zeros((60, 80))
+    depth[10 : 10 + side_px, 10 : 10 + side_px] = depth[30:33, 30:33] = depth[45, 20:50] = depth[52, 8] = 1.0
+    assert detect_dots(depth, px_per_mm, 0.18).tolist() == expected
 
 
 def test_eq2_and_eq3_the_mean_and_the_dot_nearest_to_it() -> None:
@@ -144,9 +155,14 @@ def test_eq7_case_c_a_dot_on_the_line_is_displaced_along_it() -> None:
 def test_eq8_case_d_is_the_line_that_most_dots_share() -> None:
     assert most_probable(distinct_values(np.array([0.0, 4, 4, 4, 24, 24, 28]), DELTA), DELTA) == 4.0
     assert most_probable(distinct_values(np.array([0.0, 4, 24, 24, 28]), DELTA), DELTA) == 24.0
+    alike = np.repeat(
+        [0.0, 4.0, 24.0, 28.0, 48.0, 52.0], [2, 2, 4, 4, 4, 4]
+    )  # of equals, where more dots are, and then the first
+    assert most_probable(distinct_values(alike, DELTA), DELTA) == 24.0
     assert most_probable(distinct_values(np.array([0.0, 8.0, 24.0]), DELTA), DELTA) is None
 
 
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (60.0, -35.0)])
 @pytest.mark.parametrize(
     ("dots", "expected"),
     [
@@ -158,8 +174,9 @@ def test_eq8_case_d_is_the_line_that_most_dots_share() -> None:
     ],
     ids=["A", "BC", "BC across", "D", "none"],
 )
-def test_the_grid_point_of_each_case(dots: list[tuple[float, float]], expected: Any) -> None:
-    assert find_grid(np.array(dots, dtype=np.float64), 0, DELTA) == expected
+def test_the_grid_point_of_each_case(dots: list[tuple[float, float]], expected: Any, shift: tuple[float, float]) -> None:
+    found = find_grid(np.add(dots, shift), 0, DELTA)
+    assert found == (None if expected is None else tuple(np.add(expected, shift)))
 
 
 # Symbols, windows, rotations
@@ -241,6 +258,23 @@ def test_the_plane_ends_where_its_sequences_start_again() -> None:
     padded[:4, :4] = patch  # the contact dot is the window's third
     assert any(r.index == (last - 1, last - 1) for r in read_windows(CODE, padded))
     assert all(0 <= i < CODE.range for r in read_windows(CODE, padded) for i in r.index)
+
+
+@pytest.mark.parametrize("turns", range(4))
+@pytest.mark.parametrize(("column", "row"), [(1, 0), (0, 40), (30, 1), (30, 40)])
+@pytest.mark.parametrize("at_end", [False, True])
+def test_only_what_is_in_the_plane_can_agree(column: int, row: int, turns: int, at_end: bool) -> None:
+    last = CODE.range - 1
+    column, row = (last - column, last - row) if at_end else (column, row)
+    (c0, c1), (r0, r1) = ((max(at - 2, 0), min(at + 3, CODE.range)) for at in (column, row))
+    patch = np.full((5, 5), N)
+    patch[r0 - row + 2 : r1 - row + 2, c0 - column + 2 : c1 - column + 2] = encode(CODE, 7, (c0, r0), (r1 - r0, c1 - c0))
+    reading = Reading(quarter_turns=turns, sector=7, index=(column, row), symbol=0, windows=1)
+    seen = quarter_turned(patch, -turns % 4)
+    assert agreeing(CODE, reading, seen) == (c1 - c0) * (r1 - r0)
+    inside = (max(c0, column - 1) - column + 2, r0 - row + 2)
+    patch[inside[1], inside[0]] = (patch[inside[1], inside[0]] + 1) % 4
+    assert agreeing(CODE, reading, quarter_turned(patch, -turns % 4)) == (c1 - c0) * (r1 - r0) - 1
 
 
 # Equations 9 to 16
