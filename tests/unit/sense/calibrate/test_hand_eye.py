@@ -16,7 +16,23 @@ from tactape_fab import SpecError
 from tactape_fab.sense import ArmPose, Calibration, calibrate_sensor
 from tactape_fab.sense.calibrate import calibration
 from tactape_fab.sense.calibrate.adjust import Bundle
-from tactape_fab.sense.calibrate.hand_eye import HandEye, _Joint, find_hand_eye, matrix_of, on_tape
+from tactape_fab.sense.calibrate.hand_eye import (
+    FAR_MM,
+    OBSERVED_MM,
+    OBSERVED_RAD,
+    HandEye,
+    _drawn,
+    _first,
+    _Joint,
+    _mirrored,
+    _own_motion,
+    _radius_mm,
+    _remarks,
+    find_hand_eye,
+    matrix_of,
+    misfits,
+    on_tape,
+)
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
@@ -264,3 +280,179 @@ def test_two_poses_that_hide_each_other_are_left_out(frames: tuple[int, int]) ->
 def test_a_press_that_was_tilted_on_purpose_is_kept() -> None:
     """How a press is tilted is not in its pose on the tape: a single tilted one says how far the sensor reaches."""
     assert solved_again(off_by(4, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0)).frames == tuple(range(10))
+
+
+# By hand
+
+
+@pytest.mark.parametrize(
+    ("theta_deg", "u", "v"), [(0.0, (1, 0), (0, -1)), (90.0, (0, 1), (1, 0)), (30.0, (0.866, 0.5), (0.5, -0.866))]
+)
+def test_a_sensor_on_the_tape_looks_into_it(theta_deg: float, u: tuple[float, float], v: tuple[float, float]) -> None:
+    """Turned counter-clockwise seen from above, on a board whose y axis is up where that of the texture is down."""
+    there = on_tape(np.array([10.0, 4.0, np.radians(theta_deg)]), np.array([3.0, 50.0]))
+    expected = np.array([[u[0], v[0], 0.0, 13.0], [u[1], v[1], 0.0, 46.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    assert there == pytest.approx(expected, abs=1e-3)
+
+
+BOTH = np.array([5.0, -3.0, 80.0, 0.1, -0.2, 0.5, 400.0, 100.0, 20.0, 0.05, 0.1, -1.2])
+SEEN = np.array(
+    [[10.0, 4.0, 0.3], [40.0, 30.0, -2.0], [70.0, 12.0, 1.4], [25.0, 22.0, 3.0], [55.0, 8.0, -0.7], [33.0, 41.0, 2.2]]
+)
+ORIGIN = np.array([3.0, 50.0])
+
+
+def flanges(off: FloatArray, both: FloatArray = BOTH) -> FloatArray:
+    """Poses of the flange at which the sensor is off by some motions from where it is seen, in its own frame."""
+    there = on_tape(SEEN[: len(off)], ORIGIN) @ matrix_of(off)
+    return np.asarray(matrix_of(both[6:]) @ there @ np.linalg.inv(matrix_of(both[:6])))
+
+
+def test_misfits_are_motions_in_the_sensor_s_frame() -> None:
+    off = np.array([[0.1, -0.2, 0.3, 0.01, 0.02, -0.03], [0.0] * 6, [1.0, 2.0, 3.0, 0.3, -0.2, 0.4]])
+    assert misfits(flanges(off), SEEN[:3], ORIGIN, BOTH) == pytest.approx(off, abs=1e-9)
+    several = misfits(flanges(off), np.stack([SEEN[:3], SEEN[:3]]), ORIGIN, np.stack([BOTH, BOTH]))
+    assert several == pytest.approx(np.stack([off, off]), abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [(0.1, -0.2, 0.5), (3.0, 0.5, 0.0), (0.0, 0.0, 0.0)])
+def test_small_changes_of_a_transform_are_motions_in_its_own_frame(turn: tuple[float, float, float]) -> None:
+    values = np.array([5.0, -3.0, 80.0, *turn])
+    motion = _own_motion(values)
+    for change in 1e-5 * np.array([[1, 0, 0, 0, 0, 0], [0, 2, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [1, -1, 2, 1, 2, -3]]):
+        moved = np.linalg.inv(matrix_of(values)) @ matrix_of(values + change)
+        assert moved == pytest.approx(matrix_of(motion @ change), abs=1e-8)
+
+
+@pytest.mark.parametrize("flip", [0.0, np.pi])
+def test_both_transforms_are_found_roughly_from_any_start(flip: float) -> None:
+    """Tilted presses leave nothing open; the search may end whole turns away, which is the same turn."""
+    off = np.zeros((6, 6))
+    off[:, 3:5] = np.array([[0.2, 0.0], [0.0, 0.2], [-0.2, 0.1], [0.1, -0.2], [-0.1, -0.1], [0.15, 0.15]])
+    both = BOTH.copy()
+    both[3:6] = Rotation.from_matrix(matrix_of(BOTH[:6])[:3, :3] @ Rotation.from_rotvec([flip, 0.0, 0.0]).as_matrix()).as_rotvec()
+    found = _first(flanges(off, both), SEEN, ORIGIN)
+    assert matrix_of(found[:6]) == pytest.approx(matrix_of(both[:6]), abs=4.0)
+    assert Rotation.from_matrix(matrix_of(found[:6])[:3, :3] @ matrix_of(both[:6])[:3, :3].T).magnitude() < 0.1
+    assert np.linalg.norm(found[3:6]) <= np.pi + 1e-9 and np.linalg.norm(found[9:12]) <= np.pi + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("arm_rad", "drawn_mm"),
+    # shares 2 arm^2 / (2 0.02^2) of 0, 1/4, 0.49 and 1/2
+    [(0.0, 0.0), (0.01, 80.0 / 3.0), (0.014, 80.0 * 0.49 / 0.51), (0.0142, FAR_MM)],
+)
+def test_the_reach_is_drawn_by_the_arm_s_share_of_the_tilts(arm_rad: float, drawn_mm: float) -> None:
+    left = np.array([9.0, 9.0, 9.0, 0.02, 0.02, 9.0])
+    for turn in ((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0), (0.0, 0.4, 0.0)):
+        place = matrix_of(np.array([0.0, 0.0, 0.0, *turn]))[:3, :3] @ (4.0, 5.0, 80.0)
+        found = _drawn(matrix_of(np.array([*place, *turn])), left, np.full(7, arm_rad))
+        along = np.zeros(12)
+        along[[2, 8]] = drawn_mm, -drawn_mm
+        assert found == pytest.approx(np.outer(along, along), rel=1e-6)
+
+
+def placed(reach_mm: float, down: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """A sensor that looks away from the flange, which is so far behind it, and a tape whose normal has such a z in the base."""
+    sensor, tape = np.eye(4), np.eye(4)
+    sensor[:3, 3], tape[2, 2] = (4.0, 5.0, reach_mm), down
+    return sensor, tape
+
+
+@pytest.mark.parametrize(
+    ("reach_mm", "down", "sigma_mm", "words"),
+    [
+        (80.0, 1.0, 0.1, None),
+        (
+            -80.0,
+            1.0,
+            0.1,
+            "the flange is 80 mm beyond the tape, on the side to which the sensor looks; .* unless the sensor does",
+        ),
+        (-9.9, 1.0, 0.1, None),
+        (-10.1, 1.0, 0.1, "the flange is 10 mm beyond"),
+        (-29.0, 1.0, 10.0, None),
+        (-31.0, 1.0, 10.0, "the flange is 31 mm beyond"),
+        (80.0, -0.69, 6.0, None),
+        (80.0, -0.71, 6.0, "the tape faces down in the base, against its z axis; .* unless it does"),
+        (80.0, -1.0, 4.9, None),
+    ],
+)
+def test_a_mirrored_base_is_named_by_where_the_flange_is(
+    reach_mm: float, down: float, sigma_mm: float, words: str | None
+) -> None:
+    covariance = np.diag([9.0, 9.0, sigma_mm**2, *[9.0] * 9])
+    remarks = _mirrored(*placed(reach_mm, down), covariance)
+    assert len(remarks) == (words is not None)
+    assert words is None or re.search(words, remarks[0])
+
+
+@pytest.mark.parametrize(("across", "radius_mm"), [((1.0, 0.0), 200.0), ((0.0, 1.0), -150.0), ((0.6, 0.8), 300.0), (None, None)])
+def test_tilts_that_grow_with_the_place_are_those_of_a_radius(
+    across: tuple[float, float] | None, radius_mm: float | None
+) -> None:
+    rng = np.random.default_rng(4)
+    poses = np.column_stack([rng.uniform((0.0, 0.0), (90.0, 45.0), (30, 2)), rng.uniform(-3.0, 3.0, 30)])
+    noise = 0.002 * rng.standard_normal((30, 2))
+    left = np.zeros((30, 6))
+    for k, (x, y, theta) in enumerate(poses):
+        turn = np.array([0.01, -0.02, 0.0])  # all alike: the board's own tilt
+        if across is not None and radius_mm is not None:
+            s = across[0] * (x - 45.0) - across[1] * (y - 22.0)  # along the bend, on the board, whose y is up
+            turn = turn + np.array([-across[1], across[0], 0.0]) * s / radius_mm
+        own = on_tape(np.array([x, y, theta]), np.zeros(3))[:3, :3].T @ turn
+        left[k, 3:5] = own[:2] + noise[k]
+    found = _radius_mm(poses, left)
+    assert found is None if radius_mm is None else found == pytest.approx(abs(radius_mm), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("at", "sigma", "words"),
+    [
+        (0, OBSERVED_MM, None),
+        (1, OBSERVED_MM * 1.01, "where the sensor is on the flange is open: turn the sensor between presses"),
+        (2, OBSERVED_MM, None),
+        (2, OBSERVED_MM * 1.01, "how far the sensor reaches out from the flange is open"),
+        (5, OBSERVED_RAD, None),
+        (5, OBSERVED_RAD * 1.01, "where the sensor is on the flange is open"),
+        (3, 1.0, None),
+    ],
+)
+def test_what_poses_leave_open_is_said(at: int, sigma: float, words: str | None) -> None:
+    sigmas = np.full(12, 0.01)
+    sigmas[at] = sigma
+    remarks = _remarks(np.diag(sigmas**2), np.zeros(6), None)
+    assert len(remarks) == (words is not None) and all(words in remark for remark in remarks if words)
+
+
+@pytest.mark.parametrize(
+    ("tilts_rad", "radius_mm", "words"),
+    [
+        ((0.1, 0.1), None, None),
+        ((0.02, 0.11), None, "tilted by 6.3 deg (rms), as on a tape that is not flat"),
+        ((0.11, 0.02), 200.0, "tilted by 6.3 deg (rms), as on a tape that is not flat"),
+        ((0.1, 0.1), 199.7, "as on a tape bent with a radius of some 200 mm"),
+    ],
+)
+def test_tilts_of_a_tape_that_is_not_flat_are_said(
+    tilts_rad: tuple[float, float], radius_mm: float | None, words: str | None
+) -> None:
+    remarks = _remarks(np.diag(np.full(12, 1e-4)), np.array([9.0, 9.0, 9.0, *tilts_rad, 9.0]), radius_mm)
+    assert len(remarks) == (words is not None) and all(words in remark for remark in remarks if words)
+
+
+def test_standard_deviations_of_the_answer_are_those_of_its_covariance() -> None:
+    sigma = np.arange(1.0, 13.0)
+    made = HandEye(
+        sensor_to_flange=ON_FLANGE,
+        tape_to_base=IN_BASE,
+        covariance=np.diag(sigma**2),
+        tape="t",
+        frames=(1, 2),
+        left=np.ones(6),
+        remarks=("r",),
+    )
+    said = made.to_mapping()
+    assert said["sensor_to_flange_sigma"] == sigma[:6].tolist() and said["tape_to_base_sigma"] == sigma[6:].tolist()
+    assert np.array_equal(said["sensor_to_flange"], ON_FLANGE) and np.array_equal(said["tape_to_base"], IN_BASE)
+    assert (said["tape"], said["frames"], said["left"], said["remarks"]) == ("t", [1, 2], [1.0] * 6, ["r"])
