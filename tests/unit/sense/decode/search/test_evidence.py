@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from tactape_fab.base.jit import kernel
-from tactape_fab.sense.decode.search.evidence import add_everywhere, add_lines, add_lines_at, columns_by_symbol
+from tactape_fab.sense.decode.search.evidence import (
+    add_everywhere,
+    add_lines,
+    add_lines_at,
+    columns_by_symbol,
+    signs_of,
+    tables_of,
+)
+from tactape_fab.texture.code import get_code
+from tactape_fab.texture.directions import DIRECTIONS
 
 LINES, PLANE = 7, 60
 
@@ -76,3 +85,67 @@ def test_columns_of_a_turned_grid_are_the_texture_s_symbols() -> None:
     eight = "EeSsWwNn"
     for turn in range(4):
         assert [int(column) for column in columns_by_symbol(8)[turn]] == [(eight.index(s) + 2 * turn) % 8 for s in "NWESnwes"]
+
+
+# Tables
+
+
+def dots_of(directions: int) -> tuple[Any, Any]:
+    rng = np.random.default_rng(directions)
+    box = np.array([(k, j) for k in range(5) for j in range(4)])
+    nodes = box[np.sort(rng.choice(20, 13, replace=False))] + np.array([3, -8])
+    return nodes, rng.dirichlet(np.full(directions, 0.4), 13)
+
+
+@pytest.mark.parametrize("directions", [4, 8])
+def test_tables_hold_what_dots_say_of_each_bit(directions: int) -> None:
+    """Bit by bit: ln of twice the probability, for a 1 and for a 0."""
+    nodes, q = dots_of(directions)
+    found = tables_of(nodes, q, np.empty(0, dtype=np.float32), 24)
+    around = np.array([2, 3, 1, 0]) if directions == 4 else DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise].astype(int)
+    k, j = nodes.T
+    for turn, at in enumerate(((k, j), (j, -k), (-k, -j), (-j, k))):
+        cells = np.stack(at, axis=1)
+        assert np.array_equal(found.corner[turn], cells.min(axis=0))
+        assert np.array_equal(found.cells[turn], cells - cells.min(axis=0))
+        assert np.array_equal(found.size[turn], np.ptp(cells, axis=0) + 1)
+        shares, each = np.roll(q, -turn * directions // 4, axis=1), []
+        for bit in range(2 if directions == 4 else 3):
+            one = shares[:, around >> bit & 1 == 1].sum(axis=1)
+            each.append((np.log(2.0 * one), np.log(2.0 * (1.0 - one))))
+        mean = sum((one + zero) / 2.0 for one, zero in each)
+        assert found.evidence[turn, :, 0] == pytest.approx(mean)
+        for bit, (one, zero) in enumerate(each):
+            assert found.evidence[turn, :, 1 + bit] == pytest.approx((one - zero) / 2.0)
+        # a table of sums: of columns below c and rows below r; a third bit counts with the y bit
+        best = [np.maximum(one, zero) - (one + zero) / 2.0 for one, zero in each]
+        most = mean / 2.0 + best[0], mean / 2.0 + sum(best[1:])
+        for c, r in np.ndindex(found.dots.shape[1:]):
+            below = (found.cells[turn] < (c, r)).all(axis=1)
+            assert found.dots[turn, c, r] == below.sum()
+            assert found.most[turn, :, c, r] == pytest.approx([of[below].sum() for of in most])
+
+
+def test_lines_of_a_plane_hold_the_evidence_of_each_phase() -> None:
+    nodes, q = dots_of(4)
+    code = get_code("microdots-4x4").sequences
+    assert code is not None
+    bits, length = 2.0 * np.array(code.main.digits) - 1.0, code.main.length
+    found = tables_of(nodes, q, signs_of(code), 24)
+    m = found.dots.shape[1] - 1
+    assert found.lines.shape == (4, 2, m + 1, m, 2 * length) and m == 5
+    for turn, axis, below, line in np.ndindex(found.lines.shape[:4]):
+        cells, evidence = found.cells[turn], found.evidence[turn]
+        dots = np.flatnonzero((cells[:, axis] == line) & (cells[:, 1 - axis] < below))
+        expected = np.zeros(2 * length)
+        for i in dots:
+            expected += evidence[i, 0] / 2.0 + evidence[i, 1 + axis] * bits[(np.arange(2 * length) + cells[i, 1 - axis]) % length]
+        assert found.lines[turn, axis, below, line] == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(("most", "size"), [(5, 5), (4, 0)])
+def test_dots_that_reach_farther_than_a_contact_get_no_tables(most: int, size: int) -> None:
+    nodes, q = dots_of(4)
+    found = tables_of(nodes, q, np.empty(0, dtype=np.float32), most)
+    assert found.dots.shape == (4, size + 1, size + 1) and found.size.max() == 5
+    assert found.lines.shape == (4, 2, size + 1, size, 0)
