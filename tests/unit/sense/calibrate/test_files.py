@@ -5,19 +5,25 @@ from __future__ import annotations
 import errno
 import json
 import os
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
 from tactape_fab import SpecError
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.sense import Calibration, calibrate_sensor, load_sensor
-from tactape_fab.sense.calibrate.files import MARK, checked_output, write_profile
+from tactape_fab.sense.calibrate.files import MARK, checked_output, profile_text, write_profile
 from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals, write_pictures
 from tactape_fab.sense.calibrate.posedness import empty_corners
+from tactape_fab.sense.calibrate.result import HeldOut
+from tactape_fab.sense.geometry import Gel
 from tests.thorough import costly, slow
+from tests.unit.sense.calibrate.by_hand import calibration
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
 
 
@@ -102,3 +108,78 @@ def test_pictures_show_dots_and_residuals(tmp_path: Path) -> None:
     assert empty_corners(found.presses, found.sensor) == []
     left = [press for press in found.presses if press.seen_px[:, 0].max() < 240.0]
     assert "upper right" in empty_corners(left, found.sensor)
+
+
+# By hand
+
+
+def test_what_a_profile_says_stands_in_it_as_comments_and_keys() -> None:
+    text = profile_text(calibration(held_out=HeldOut(inside_um=1.234, outside_um=2.341, folds=4)), "mine-mask.png")
+    head, _, rest = text.partition("\n\n")
+    assert head.splitlines() == [
+        "# Calibrated by tactape-fab from 2 presses of 5 frames, 5 dots; docs/calibrate.md",
+        "#",
+        "# k1 = 0.03 +- 0.0013   (a note)",
+        "# scale = 15.5 px/mm",
+        "# x = 1",
+        "# dots scatter by 1.23 um in the adjustment, 2.34 um in presses left out of it",
+        "# press more often",
+    ]
+    assert "mask" not in text and "depth" not in rest and "slope" not in text
+    assert rest.startswith('name = "mine"\ntitle = "My \\"sensor\\""\n\n[image]\n')
+    assert "px_per_mm = [15.12346, 16.0]" in rest and "rotate90 = 3" in rest and "mirror = true" in rest
+    assert "dots scatter" not in profile_text(calibration(), "")
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_every_key_of_a_profile_is_read_back(given: bool, tmp_path: Path) -> None:
+    found = calibration()
+    if given:
+        geometry = replace(found.sensor.geometry, center_px=(19.123456789, 14.5), sigma_px_per_mm=0.01, sigma_k1=0.05)
+        gel = Gel(displacement_um=20.0, correlation_mm=3.0, thickness_mm=4.0, modulus_kpa=100.0, crown_mm=(189.123, 113.0))
+        sensor = replace(found.sensor, depth_unit_mm=0.001, slope_noise=0.02, geometry=geometry, gel=gel)
+        found = calibration(sensor=sensor)
+    made = found.sensor
+    assert write_profile(tmp_path / "mine.toml", found) == [tmp_path / "mine.toml"]
+    assert [at.name for at in tmp_path.iterdir()] == ["mine.toml"]
+    read = load_sensor(tmp_path / "mine.toml")
+    for key in ("name", "title", "width_px", "height_px", "sign", "mirror", "rotate90", "depth_unit_mm", "slope_noise", "mask"):
+        assert getattr(read, key) == getattr(made, key), key
+    for key in ("px_per_mm", "white_um", "correlated_um", "correlated_px", "scale_tolerance"):
+        assert getattr(read, key) == pytest.approx(getattr(made, key), rel=1e-6), key
+    # a lens that is not known has the largest error that a profile may say
+    assert read.geometry.sigma_k1 == (0.05 if given else 0.2)
+    assert replace(read.geometry, sigma_k1=0.0, center_px=None) == replace(made.geometry, sigma_k1=0.0, center_px=None)
+    assert read.geometry.center_px == (pytest.approx((19.12346, 14.5), abs=1e-6) if given else None)
+    assert read.gel == replace(made.gel)
+
+
+def test_a_mask_and_a_hand_eye_answer_stand_beside_the_profile(tmp_path: Path) -> None:
+    valid = np.ones((40, 30), dtype=bool)  # of a frame that is turned by 90 degrees
+    valid[:4] = False
+    hand_eye = SimpleNamespace(to_mapping=lambda: {"tape": "t"})
+    files = write_profile(tmp_path / "mine.toml", calibration(valid=valid, hand_eye=hand_eye))
+    assert {at.name for at in files} == {at.name for at in tmp_path.iterdir()}
+    assert [at.name for at in files] == ["mine-mask.png", "mine-hand-eye.json", "mine.toml"]
+    text = (tmp_path / "mine-hand-eye.json").read_text()
+    assert text == '{\n "tape": "t"\n}\n'
+    mask = cv2.imread(str(tmp_path / "mine-mask.png"), cv2.IMREAD_GRAYSCALE)
+    assert mask is not None and np.array_equal(mask, np.where(valid, 255, 0))
+    assert 'mask = "mine-mask.png"' in (tmp_path / "mine.toml").read_text()
+    read = load_sensor(tmp_path / "mine.toml")
+    assert read.mask is not None and (~read.mask).sum() == 4 * 30
+    for name in ("mine-mask.png", "mine-hand-eye.json"):  # where they are without a profile they are somebody else's
+        other = tmp_path / "other.toml"
+        beside = tmp_path / name.replace("mine", "other")
+        beside.write_bytes(b"theirs")
+        with pytest.raises(SpecError, match=rf"{beside.name} exists already; nothing was touched"):
+            checked_output(other)
+        beside.unlink()
+    assert checked_output(tmp_path / "mine.toml") == tmp_path / "mine.toml"
+
+
+def test_a_profile_that_cannot_be_read_is_not_kept(tmp_path: Path) -> None:
+    bad = calibration(sensor=replace(calibration().sensor, scale_tolerance=7.0))
+    with pytest.raises(TactapeError):
+        write_profile(tmp_path / "mine.toml", bad)
+    assert list(tmp_path.iterdir()) == []
