@@ -42,7 +42,7 @@ class FilmRecord:
     """The manifest's record of optional features of a film.
 
     ``backings`` maps the roles of laminated backings to material and thickness; ``forced`` has the broken rules in
-    spite of which it was made.
+    spite of which it was made, ``broken`` the lines that say so in the order notes.
     """
 
     mode: str
@@ -51,6 +51,7 @@ class FilmRecord:
     job_in_zip: bool
     frame_mm: float
     forced: frozenset[str]
+    broken: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +91,7 @@ def read_film_record(table: Fields) -> FilmRecord:
         job_in_zip=fab.flag("job_in_zip") if "job_in_zip" in fab.values else True,
         frame_mm=fab.table("limits_mm").number("opening-edge", low=0.0, high=_MOST_MM),
         forced=frozenset(str(row.get("rule")) for row in forced if isinstance(row, Mapping)),
+        broken=frozenset(f"{row.get('rule')}: {row.get('message')}" for row in forced if isinstance(row, Mapping)),
     )
 
 

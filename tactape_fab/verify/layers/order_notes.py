@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -83,6 +83,7 @@ def check_order_notes(
     problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     if film is not None and film.order is not None and not old:
         problems += _row_problems(text, tape, of, film, film.order, legend="legend-top" in files)
+        problems += _wrong_words(text.partition("\nSTEP 10. ")[0], paths, film)
         problems += _remark_problems(text.partition("\nSTEP 10. ")[0], tape, of, film)
         problems += _backing_problems(text, files, film.film.backings)
     found = _PRINT_AREA.findall(text)
@@ -134,11 +135,21 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
     )
 
 
+def _wrong_words(text: str, paths: Collection[str], film: FilmManifest) -> Iterator[str]:
+    """Problems of sentences that ask for what must not be done, outside of names, which may contain any word."""
+    prose = text.partition("\n")[2]  # the first line is the name of the tape and that of the fab's profile
+    part = film.assembly
+    for name in (*sorted(paths, key=len, reverse=True), *map(in_a_line, film.film.broken)):
+        prose = prose.replace(name, "")
+    for name in filter(None, (part.description, part.footprint, part.value, part.part_number)):
+        prose = re.sub(rf"(?<= ){_escaped(name)}(?=[;,\n]|\.$)", "", prose, flags=re.MULTILINE)
+    for found in re.finditer(r"\b(merge|align)\b", prose, re.IGNORECASE):
+        if not prose.endswith("Do not ", 0, found.start()):
+            yield f"they say {found[1]!r} without 'Do not'"
+
+
 def _remark_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest) -> Iterator[str]:
     """Problems of sentences in the remarks that differ from the manifest."""
-    for found in re.finditer(r"\b(merge|align)\b", text, re.IGNORECASE):
-        if not text.endswith("Do not ", 0, found.start()):
-            yield f"they say {found[1]!r} without 'Do not'"
     yield from _placement_problems(text, of, film.assembly)
     (width, height), angles_deg = map(_length, of.shown.size_mm), sorted(set(of.shown.rotation_deg.tolist()))
     opening = tuple(map(_length, opening_size_mm(film.lands)))

@@ -198,7 +198,12 @@ def test_the_record_of_a_film_is_read() -> None:
     }
     fab = {"coverlay_mode": "lpi", "limits_mm": {"opening-edge": 0.4}}
     full = Fields(
-        {"fab": fab | {"job_in_zip": False}, "anchor": plan, "adhesive": "3M468 0.13", "forced": [{"rule": "pad-edge"}]}
+        {
+            "fab": fab | {"job_in_zip": False},
+            "anchor": plan,
+            "adhesive": "3M468 0.13",
+            "forced": [{"rule": "pad-edge", "message": "near"}],
+        }
     )
     assert read_film_record(full) == FilmRecord(
         mode="lpi",
@@ -207,6 +212,7 @@ def test_the_record_of_a_film_is_read() -> None:
         job_in_zip=False,
         frame_mm=0.4,
         forced=frozenset({"pad-edge"}),
+        broken=frozenset({"pad-edge: near"}),
     )
     bare = read_film_record(Fields({"fab": fab}))
     assert (bare.anchor, bare.backings, bare.job_in_zip, bare.forced) == (None, {}, True, frozenset())

@@ -11,6 +11,7 @@ import pytest
 from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.verify import verify_kit
 from tactape_fab.verify.files import WrittenFile
@@ -107,3 +108,16 @@ def test_figures_of_a_panel_are_compared_too(panel_2: PanelKit, tmp_path: Path) 
 def test_half_a_micrometre_is_rounded_alike_however_it_was_reckoned() -> None:
     assert _length(0.1 + 9.1145) == _length(9.2145) == _length(9.2145 + 2e-15)
     assert _length(9.2145 - 4e-15) == _length(9.2145 + 4e-15)
+
+
+@pytest.mark.parametrize("name", ["merge", "x-align.b"])
+def test_names_may_be_words_that_no_sentence_may_have(name: str, tmp_path: Path) -> None:
+    fab, part = tmp_path / "align.toml", tmp_path / "merge.toml"
+    fab.write_text('extends = "generic-fpc"\nname = "align"\ntitle = "Merge & Align"\n', encoding="utf-8")
+    shipped = (templates_folder() / "parts" / "r0201.toml").read_text(encoding="utf-8")
+    part.write_text(re.sub(r'(?m)^((?:description|footprint|value) = ").*"', r'\1do align"', shipped), encoding="utf-8")
+    spec = TapeSpec(sector=7, size_mm=(30, 25), models=False, name=name, fab=str(fab), part=str(part), pitch_mm=1.0)
+    kit = make_kit(spec, tmp_path / "kit", verify=False, force=True)
+    assert checked(kit, "ORDER NOTES", "ORDER NOTES").passed
+    assert "they say 'merge' without" in checked(kit, "\n\nSTEP 1. ", r"\n   You may merge openings.\g<0>").message
+    assert "they say 'align' without" in checked(kit, "Do not align", "Do align").message
