@@ -39,6 +39,11 @@ def named(items: Sequence[str], most: int = 5) -> str:
     return ", ".join(items[:most]) + (f" and {more} more" if more > 0 else "")
 
 
+def counted(number: object, one: str, many: str) -> str:
+    """A number and what it counts, for a message: ``1 body``, ``2 bodies``."""
+    return f"{number} {one if number in (1, '1') else many}"
+
+
 def _range_text(low: float, high: float, above: float, below: float, of_unit: str) -> str:
     """Text of the bounds, for a message without a better remedy."""
     least = f"from {low:g}" if math.isfinite(low) else f"above {above:g}" if math.isfinite(above) else ""

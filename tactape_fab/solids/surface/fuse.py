@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.fields import counted
 from tactape_fab.solids.elements import closed_element, element_rings_mm, element_volume_mm3, foot_area_mm2
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import connected, nearest
@@ -73,7 +74,8 @@ def fuse_mesh(host: Mesh, laid: LaidOut, progress: Progress = lambda *_: None, *
     result = _manifold(mesh)
     # the rounded mesh is checked, as rounding to the grid can make a thin wall touch itself
     if result.status() != m3.Error.NoError or len(result.decompose()) != bodies:
-        raise TactapeError(f"the fused solid falls into {len(result.decompose())} bodies instead of {bodies}; {_REPORT}")
+        found = counted(len(result.decompose()), "body", "bodies")
+        raise TactapeError(f"the fused solid has {found} instead of {bodies}; {_REPORT}")
     # the most by which simplifying and rounding move the surface; with coincident faces whole parts may be lost
     moved_mm = 4 * _MOST_MOVED * size + float(np.spacing(np.float32(np.abs(host.vertices_mm).max())))
     if abs(mesh.volume_mm3 - expected) > moved_mm * float(result.surface_area()):

@@ -19,7 +19,7 @@ import numpy as np
 
 from tactape_fab.base import launch
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import named, shown_path
+from tactape_fab.base.fields import counted, named, shown_path
 from tactape_fab.base.pool import core_count
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
@@ -220,7 +220,7 @@ def _check_solid(expected: Expected, reader: str, found: dict[str, Any]) -> Chec
     relative = abs(found["volume_mm3"] - expected.volume_mm3) / expected.volume_mm3
     problems = []
     if found["solids"] != expected.bodies:
-        problems.append(f"{found['solids']} solids instead of {expected.bodies}")
+        problems.append(f"{counted(found['solids'], 'solid', 'solids')} instead of {expected.bodies}")
     # a wrong shell may have the right volume and be valid, so faces and solids are counted as well
     if found["faces"] != expected.faces:
         problems.append(f"{found['faces']} faces instead of {expected.faces}")
@@ -361,10 +361,11 @@ def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplC
         volume = float(found.get("volume", "nan"))
         problems = [] if found.get("manifold") == "yes" else ["it is not manifold"]
         if found.get("number_of_parts") != str(expected.bodies):
-            problems.append(f"{found.get('number_of_parts', 'no')} parts instead of {expected.bodies}")
+            number = counted(found.get("number_of_parts", "no"), "part", "parts")
+            problems.append(f"{number} instead of {expected.bodies}")
         if not abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3:
             problems.append(f"its volume is {volume:.3f} mm3, not {expected.volume_mm3:.3f}")
-        message = "; ".join(problems) or f"manifold, {_count(expected.bodies, 'part', 'parts')}, {volume:.3f} mm3"
+        message = "; ".join(problems) or f"manifold, {counted(expected.bodies, 'part', 'parts')}, {volume:.3f} mm3"
         checks.append(Check(name=f"{role} by PrusaSlicer", passed=not problems, message=message, figure=volume, unit="mm3"))
     return checks
 
@@ -378,15 +379,11 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
     if not consistent:
         problems.append("neighbouring triangles face opposite ways")
     if bodies != expected.bodies:
-        problems.append(f"{_count(bodies, 'body', 'bodies')} instead of {expected.bodies}")
+        problems.append(f"{counted(bodies, 'body', 'bodies')} instead of {expected.bodies}")
     if not abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3:
         problems.append(f"its volume is {volume:.3f} mm3, not {expected.volume_mm3:.3f}")
-    message = "; ".join(problems) or f"watertight, {_count(bodies, 'body', 'bodies')}, {volume:.3f} mm3"
+    message = "; ".join(problems) or f"watertight, {counted(bodies, 'body', 'bodies')}, {volume:.3f} mm3"
     return [Check(name="stl by trimesh", passed=not problems, message=message, figure=float(volume), unit="mm3")]
-
-
-def _count(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
 
 
 _READERS: dict[str, _Reader] = {"FreeCAD": _freecad, "OCCT": _occt, "trimesh": _trimesh, "PrusaSlicer": _slicer}

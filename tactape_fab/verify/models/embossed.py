@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Check, SpecError, refuse
-from tactape_fab.base.fields import Fields, named
+from tactape_fab.base.fields import Fields, counted, named
 from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl, stl_problems
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import nearest
@@ -66,7 +66,7 @@ def _check_body(mesh: Mesh, bodies: int, file_problems: Sequence[str]) -> Check:
     found = body_count(mesh)
     problems = [*file_problems, *(problem for problem in mesh_problems(mesh) if not problem.endswith(" bodies"))]
     if found != bodies:
-        problems.append(f"{found} bodies instead of {bodies}")
+        problems.append(f"{counted(found, 'body', 'bodies')} instead of {bodies}")
     shells = "one body" if found == 1 else f"{found} shells"
     message = "; ".join(problems) if problems else f"{len(mesh.faces)} triangles, watertight, {shells}"
     return Check(name="body", passed=not problems, message=message, figure=float(found))

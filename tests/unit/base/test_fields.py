@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactape_fab.base.fields import Fields, named, shown, unknown_key
+from tactape_fab.base.fields import Fields, counted, named, shown, unknown_key
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.sampled_from([10**400, -(10**400)]) | st.floats() | st.text(max_size=20),
@@ -214,3 +214,9 @@ def test_a_few_names_stand_for_many() -> None:
     assert named(list("ab")) == "a, b" and named(list("abcde")) == "a, b, c, d, e"
     assert named(list("abcdefg")) == "a, b, c, d, e and 2 more"
     assert named(list("abc"), 2) == "a, b and 1 more"
+
+
+def test_what_is_counted_is_one_or_many() -> None:
+    assert [counted(number, "body", "bodies") for number in (0, 1, "1", 2, "no")] == [
+        *("0 bodies", "1 body", "1 body", "2 bodies", "no bodies"),
+    ]

@@ -82,6 +82,7 @@ def said(check: Check, says: str) -> None:
         ({"volume_mm3": VOLUME_MM3 * (1 + 1.1e-6)}, "is 1.1e-06 from 90.000000 mm3"),
         ({"volume_mm3": float("nan")}, "volume nan mm3"),
         ({"solids": 2}, "2 solids instead of 1"),
+        ({"solids": 0}, "0 solids instead of 1"),
         ({"faces": 35}, "35 faces instead of 36"),
         ({"valid": False}, "the solid is not valid"),
         ({"centre_mm": [1.0, 2.0, 0.50009]}, ""),

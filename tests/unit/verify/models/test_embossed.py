@@ -128,7 +128,7 @@ def test_body_and_volume_are_the_manifest_s() -> None:
     assert _check_body(mesh, 12, []).message == "144 triangles, watertight, 12 shells"
     one = Mesh(vertices_mm=mesh.vertices_mm[:8], faces=mesh.faces[:12])
     assert _check_body(one, 1, []).message == "12 triangles, watertight, one body"
-    assert (_check_body(one, 2, []).passed, _check_body(one, 2, []).message) == (False, "1 bodies instead of 2")
+    assert (_check_body(one, 2, []).passed, _check_body(one, 2, []).message) == (False, "1 body instead of 2")
     assert _check_body(one, 1, ["bytes behind"]).message == "bytes behind"
     opened = Mesh(vertices_mm=one.vertices_mm, faces=one.faces[:-1])
     assert not _check_body(opened, 1, []).passed
