@@ -100,9 +100,9 @@ def _least(blurs: Sequence[float], sums: FloatArray, best: int) -> float:
     """Blur at the minimum of the parabola in ln of the blur through the best sum and its neighbours."""
     if best in (0, len(blurs) - 1):
         return float(blurs[best])
-    # blurs are spaced by factors, evenly in ln
-    x = [log(blurs[best + k]) for k in (-1, 0, 1)]
-    curve = np.polyfit(np.array(x) - x[1], sums[best - 1 : best + 2], 2)
-    # three equal sums have no curvature
-    step = -curve[1] / (2.0 * curve[0]) if curve[0] > 0.0 else 0.0
-    return float(blurs[best] * np.exp(np.clip(step, x[0] - x[1], x[2] - x[1])))
+    below, above = (log(blurs[best + k] / blurs[best]) for k in (-1, 1))
+    # by divided differences: of three equal sums a least-squares fit has a curvature, of either sign by the processor's rounding
+    slopes = (sums[best - 1] - sums[best]) / below, (sums[best + 1] - sums[best]) / above
+    curve = (slopes[1] - slopes[0]) / (above - below)
+    step = -(slopes[0] - curve * below) / (2.0 * curve) if curve > 0.0 else 0.0
+    return float(blurs[best] * np.exp(np.clip(step, below, above)))
