@@ -24,17 +24,22 @@ from tests.bench.elastic import SLOPE_NOISE, WRONG_MM
 from tests.bench.marks import command, write_between
 
 FORCES_N = (0.5, 1.0, 2.0, 5.0, 10.0)
-PRESSES: dict[str, dict[str, Any]] = {
-    "flat": {},
-    "tilt 2, 0": {"tilt_deg": (2.0, 0.0)},
-    "tilt 0, -2": {"tilt_deg": (0.0, -2.0)},
-    "tilt 5, 0": {"tilt_deg": (5.0, 0.0)},
-    "tilt 0, 5": {"tilt_deg": (0.0, 5.0)},
-    "tilt -3.5, 3.5": {"tilt_deg": (-3.5, 3.5)},
-    "cylinder 30": {"cylinder_radius_mm": 30.0},
-    "cylinder 30, tilt 2, 1": {"cylinder_radius_mm": 30.0, "tilt_deg": (2.0, 1.0)},
-    "cylinder 15.7": {"cylinder_radius_mm": 15.7},
+OBLIQUE_DEG = 45.0
+PRESSES: dict[str, tuple[dict[str, Any], float]] = {
+    "flat": ({}, 0.0),
+    "tilt 2, 0": ({"tilt_deg": (2.0, 0.0)}, 0.0),
+    "tilt 0, -2": ({"tilt_deg": (0.0, -2.0)}, 0.0),
+    "tilt 5, 0": ({"tilt_deg": (5.0, 0.0)}, 0.0),
+    "tilt 0, 5": ({"tilt_deg": (0.0, 5.0)}, 0.0),
+    "tilt -3.5, 3.5": ({"tilt_deg": (-3.5, 3.5)}, 0.0),
+    "cylinder 30": ({"cylinder_radius_mm": 30.0}, 0.0),
+    "cylinder 30, tilt 2, 1": ({"cylinder_radius_mm": 30.0, "tilt_deg": (2.0, 1.0)}, 0.0),
+    "cylinder 15.7": ({"cylinder_radius_mm": 15.7}, 0.0),
+    "cylinder 15.7, oblique": ({"cylinder_radius_mm": 15.7}, OBLIQUE_DEG),
+    "cylinder 30, oblique": ({"cylinder_radius_mm": 30.0}, OBLIQUE_DEG),
+    "cylinder 50, oblique": ({"cylinder_radius_mm": 50.0}, OBLIQUE_DEG),
 }
+"""How a tape is pressed in, and by how much a cylinder's axis is turned from the image's width, degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,11 +135,12 @@ def main() -> None:
     localizer = Localizer([tape], sensor=sensors("gelsight-mini")["crown not known" if given.no_crown else "as profiled"])
     table = HEADER
     print(HEADER, end="")
-    for name, options in PRESSES.items():
+    for name, (options, turn_deg) in PRESSES.items():
         if given.row and not any(name.startswith(start) for start in given.row):
             continue
         for force_n in given.force or FORCES_N:
-            scene = Scene(elastic=ElasticContact(force_n=force_n, **options), slope_noise=SLOPE_NOISE)
+            elastic = ElasticContact(force_n=force_n, **options)
+            scene = Scene(elastic=elastic, slope_noise=SLOPE_NOISE, contact_turn_deg=turn_deg)
             line = line_of(name, force_n, measure(localizer, tape, scene, given.frames, given.seed))
             print(line, end="", flush=True)
             table += line
