@@ -199,13 +199,19 @@ def _bgr(colour: Colour) -> tuple[int, int, int]:
     return blue, green, red
 
 
+def picture_px_per_mm(side_mm: float) -> float:
+    """Scale of the PNG of a board whose longer side, with its margins, is `side_mm`; the side is rounded up to whole pixels."""
+    return min(PX_PER_MM, MOST_PX / side_mm)
+
+
 def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     import cv2
 
     extent_mm = size_mm + 2 * MARGIN_MM
     # the picture has at most `MOST_PX` along a side, and so has its oversampled image
-    px_per_mm = min(PX_PER_MM, MOST_PX / float(extent_mm.max()))
-    finer = max(1, min(OVERSAMPLING, int(MOST_PX / (float(extent_mm.max()) * px_per_mm))))
+    longest_mm = float(extent_mm.max())
+    px_per_mm = picture_px_per_mm(longest_mm)
+    finer = max(1, min(OVERSAMPLING, int(MOST_PX / (longest_mm * px_per_mm))))
     width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
     image = np.empty((height * finer, width * finer, 3), dtype=np.uint8)
     cv2.rectangle(image, (0, 0), (width * finer, height * finer), _bgr(_BACKGROUND), cv2.FILLED)  # np.full is slow
