@@ -8,6 +8,7 @@ are those in the image's centre, and the curvature says whether the tape is flat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 
@@ -31,6 +32,14 @@ imprint model, which are domes, 0.005 and more."""
 CROWN_ERROR = 0.004
 """Curvature, 1/mm, by which a gel's crown may differ from its profile's: radii of 113 mm may be 78 to 206. Tops that are bent by
 less may be those of a flat tape. A tape round a cylinder of 250 mm is foreshortened by 1e-4 at most."""
+MOST_CROWN = 0.01
+"""Curvature, 1/mm, of tops up to which they may be those of a flat tape under the crown of a gel that is not known."""
+NARROW = 0.012
+"""Curvature, 1/mm, from which a tape is looked at for a bend. Round 50 mm, oblique in the image and full of dots, angles are 0.07
+degrees off where that is left out and 0.019 are said, as tops are 1/200 further apart than the film (elastic simulator, 8 N);
+round 120 mm they are as said."""
+ROUNDNESS = 0.002
+"""Standard deviation of the difference of an unknown crown's two curvatures, 1/mm: 1/189 and 1/113 differ by 0.0036."""
 ROUNDS, FAR = 3, 2.5
 """Rounds of the robust fit, and the errors at which its weight has fallen to a quarter (Geman and McClure)."""
 LEAST_ERROR_MM = 0.0015
@@ -53,6 +62,7 @@ class Plane:
     shown (6,): The fitted surface as the frame shows it: height, slopes, and second derivatives by uu, vv and uv.
     shown_variance (6, 6)
     bend: Of a tape that is bent about one axis; None of any other.
+    known: Whether the crown is the profile's, and not one that leaves a tape bent about one axis: so may a dome's tops be.
     """
 
     rise: FloatArray
@@ -62,6 +72,7 @@ class Plane:
     shown: FloatArray
     shown_variance: FloatArray
     bend: Bend | None
+    known: bool
 
 
 def terms(gel_mm: FloatArray) -> FloatArray:
@@ -70,13 +81,20 @@ def terms(gel_mm: FloatArray) -> FloatArray:
     return np.stack([np.ones_like(x), x, y, x * x / 2, y * y / 2, x * y], axis=1)
 
 
-def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crown_mm: tuple[float, float] | None) -> Plane | None:
+def fit_plane(
+    gel_mm: FloatArray,
+    tops_mm: FloatArray,
+    weights: FloatArray,
+    crown_mm: tuple[float, float] | None,
+    unit_error: float = 0.0,
+) -> Plane | None:
     """Fit the plane.
 
     gel_mm (n, 2): Where the tops are, right and down of the image centre.
     tops_mm (n,): Depths there.
     weights (n,): At most 1; those of dots at the contact's rim are small.
     crown_mm: Radii of the gel's undeformed surface along image u and v.
+    unit_error: Standard deviation of the depths' unit as a share, as far as it moves a bent tape's places.
     Returns: None of too few tops, or of tops in a line.
     """
     if (weights > 0.0).sum() < LEAST_TOPS:
@@ -102,7 +120,9 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
     # the slope is read at the image's centre: with the gel's apex elsewhere it is off by the curvature times that distance
     apex = 0.0 if crown_mm is not None else APEX_MM * float(np.abs(shown[3:]).max())
     middle_mm = weights @ gel_mm / weights.sum()
-    bend = None if crown_mm is None or flat is not None else _bend(shown, variance, crown, middle_mm)
+    bend, known = None, crown_mm is not None
+    if flat is None:
+        bend, known = _bend(shown, variance, crown, middle_mm, hypot(GAIN_SIGMA / GAIN, unit_error))
     if bend is not None:
         # beyond the contact the tops follow a circle, not the fitted parabola
         rise = np.append(terms(middle_mm[None])[0] @ shown / gain + bend.height_mm(middle_mm), bend.slope)
@@ -115,16 +135,48 @@ def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crow
     of_rise[1:, 1:] += np.eye(2) * (SLOPE_FLOOR**2 + apex**2) + np.diag(SLOPE_SHARE * rise[1:]) ** 2
     if not (np.isfinite(rise).all() and np.isfinite(of_rise).all()):
         return None
-    return Plane(rise=rise, covariance=of_rise, gain=gain, flat=flat is not None, shown=shown, shown_variance=variance, bend=bend)
+    return Plane(
+        rise=rise,
+        covariance=of_rise,
+        gain=gain,
+        flat=flat is not None,
+        shown=shown,
+        shown_variance=variance,
+        bend=bend,
+        known=known,
+    )
 
 
-def _bend(shown: FloatArray, variance: FloatArray, crown: FloatArray, middle_mm: FloatArray) -> Bend | None:
-    """The bend of a tape that is not flat, by the surface that the frame shows."""
-    surface = shown[1:] / GAIN + np.concatenate([(0.0, 0.0), crown])
+def _bend(
+    shown: FloatArray, variance: FloatArray, crown: FloatArray, middle_mm: FloatArray, gain_error: float
+) -> tuple[Bend | None, bool]:
+    """The bend of a tape that is not flat, by the surface that the frame shows, and whether by the profile's crown.
+
+    gain_error: Standard deviation of slopes and curvatures as a share.
+    """
+    slopes, curvatures = shown[1:3] / GAIN, shown[3:] / GAIN
     of_surface = variance[1:, 1:] / GAIN**2
     least = FILM + 2.0 * float(np.sqrt(of_surface.diagonal()[2:].max()))
-    found = bend_of(surface, of_surface, GAIN_SIGMA / GAIN, middle_mm, least)
-    return None if found is not None and abs(found.curvature) <= CROWN_ERROR else found
+    found, known = None, bool(crown.any())
+    if known:
+        found = bend_of(np.append(slopes, curvatures + crown), of_surface, gain_error, middle_mm, least)
+    if found is None and (level := _level(curvatures)) is not None:
+        known, of_surface = False, of_surface + np.diag([0.0, 0.0, ROUNDNESS**2, ROUNDNESS**2, 0.0])
+        round_crown = np.array([level, level, 0.0])
+        found = bend_of(np.append(slopes, curvatures + round_crown), of_surface, gain_error, middle_mm, least)
+    return (None if found is not None and abs(found.curvature) <= CROWN_ERROR else found), known
+
+
+def _level(curvatures: FloatArray) -> float | None:
+    """Curvature of a crown that is as round along u as along v and leaves a tape that is bent about one axis; None of no crown.
+
+    A film is not bent about two axes: what the tops show along the axis of a cylinder is the gel's crown, whatever the profile
+    has.
+    """
+    uu, vv, uv = curvatures.tolist()
+    mean, half = (uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv)
+    level = -(mean + half if mean < 0.0 else mean - half)
+    return level if 2.0 * half > NARROW and -ROUNDNESS <= level <= MOST_CROWN else None
 
 
 def _surface(

@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.contact.bent import Bend
 from tactape_fab.sense.decode.contact.layer import force_on
-from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, Plane, fit_plane, terms
+from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, MOST_CROWN, NARROW, Plane, fit_plane, terms
 from tactape_fab.sense.decode.dots.detect import coarseness
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.posterior import eliminate
@@ -39,8 +39,6 @@ SLOPE_SIGMA = 0.1
 """Least error of a slope as a share: a crown that is another than the profile's is taken for what the sensor makes of slopes."""
 USUAL_CROWN_MM = (150.0, 150.0)
 """Radii of a gel that the sensor's profile does not have, for `off_mm` alone."""
-MOST_CROWN = 0.01
-"""Curvature, 1/mm, of tops up to which they may be those of a flat tape under the crown of a gel that is not known."""
 SURE = 5.0
 """Number of standard deviations at which a hypothesis is rejected."""
 
@@ -83,7 +81,7 @@ class ContactView:
         top = float(np.sort(heights)[3 * len(heights) // 4])
         if not 0.0 < top < inf:
             return None
-        # without a crown no tape is found to be bent: that asks for a curvature within a hundredth
+        # the profile's crown is in millimetres, and these are right to 40 %: what is along a cylinder's axis tells it instead
         return replace(self, unit_mm=TOP_SHARE * body_mm / top, gel=replace(self.gel, crown_mm=None))
 
     def on_gel(self, seen_px: FloatArray) -> FloatArray:
@@ -180,7 +178,7 @@ class ContactSurface:
     @cached_property
     def _fitted(self) -> Plane | None:
         """The plane of the tops, if their depths are millimetres."""
-        return fit_plane(*self._tops, self.view.gel.crown_mm)
+        return fit_plane(*self._tops, self.view.gel.crown_mm, TOP_SIGMA if self.view.rough else 0.0)
 
     @cached_property
     def plane(self) -> Plane | None:
@@ -207,8 +205,8 @@ class ContactSurface:
         if plane.bend is None and (self._steep or hypot(*plane.rise[1:]) <= least_slope):
             return None
         crown_mm = self.view.gel.crown_mm
-        film = plane.flat or plane.bend is not None or self._under_another_crown(plane)
-        if crown_mm is None and not film:
+        film = plane.flat or (plane.bend is not None and plane.known) or self._under_another_crown(plane)
+        if crown_mm is None and plane.bend is None and not film:
             return None
         slope = plane.rise[1:]
         # of the slope's length, as that is what foreshortens
@@ -227,14 +225,14 @@ class ContactSurface:
 
     def _maybe_bent(self) -> bool:
         """Whether the tops' curvature may be that of a tape round a narrow cylinder, by a quick fit."""
-        (u, v), unit_mm = self.view.px_per_mm, self.view.unit_mm
-        if self.view.gel.crown_mm is None:
-            return False
-        crown_u, crown_v = self.view.gel.crown_mm
-        uu, vv, uv = (self.curvatures * unit_mm).tolist()
-        uu, vv = uu * u * u + 1.0 / crown_u, vv * v * v + 1.0 / crown_v
-        mean, half = abs(uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv * u * v)
-        return bool(mean + half > NARROW and abs(mean - half) < ONE_SIDED * (mean + half))
+        (u, v), unit_mm, crown_mm = self.view.px_per_mm, self.view.unit_mm, self.view.gel.crown_mm
+        uu, vv, uv = (self.curvatures * (unit_mm * u * u, unit_mm * v * v, unit_mm * u * v)).tolist()
+        half = hypot((uu - vv) / 2.0, uv)
+        if crown_mm is None:
+            return 2.0 * half > NARROW
+        uu, vv = uu + 1.0 / crown_mm[0], vv + 1.0 / crown_mm[1]
+        mean, half = abs(uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv)
+        return bool(mean + half > NARROW and mean - half < ONE_SIDED * (mean + half))
 
     @cached_property
     def force(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
@@ -323,10 +321,8 @@ LEAST_SLOPE = 0.0131
 """Slope, 0.75 degrees, below which a contact counts as flat: what a tilt takes doubles the time of a frame."""
 MOST_SLOPE = 0.58
 """Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same."""
-NARROW, ONE_SIDED = 0.012, 0.5
-"""Curvature, 1/mm, from which a tape that is touched in the image's centre is looked at more closely, and the most that it has
-along the axis, as a share. Round 50 mm, oblique in the image and full of dots, angles are 0.07 degrees off where that is left out
-and 0.019 are said, as tops are 1/200 further apart than the film (elastic simulator, 8 N); round 120 mm they are as said."""
+ONE_SIDED = 0.5
+"""The most curvature along the axis of a bent tape, over that across it, in the quick fit."""
 LEAST_OFF = 0.0044
 """Share of the crown's radius by which the middle of the dots is at least off the image's centre then. A tape of slope s touches
 the gel s times the radius off; where forces are small the middle is as far, at 10 N, where the image is full of dots, a third."""

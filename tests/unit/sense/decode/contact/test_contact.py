@@ -70,9 +70,13 @@ def test_only_a_tape_that_is_bent_about_one_axis_has_a_bend() -> None:
     bent = plane_of(*tops((0.02, 0.01), GAIN, 1 / 15.7)).bend
     assert bent is not None and bent.curvature == pytest.approx(-1 / 15.7, rel=0.05)
     assert np.abs(bent.across) == pytest.approx([0.0, 1.0], abs=0.02)
-    # by less than a gel's crown may be off, or where no crown is known
+    # by less than a gel's crown may be off
     assert plane_of(*tops((0.0, 0.0), GAIN, 0.0035)).bend is None
-    assert plane_of(*tops((0.02, 0.01), GAIN, 1 / 15.7), crown_mm=None).bend is None
+    # where no crown is known, that along the axis is taken for that across: 1/189 for 1/113
+    other = plane_of(*tops((0.02, 0.01), GAIN, 1 / 15.7), crown_mm=None)
+    assert other.bend is not None and not other.known and other.bend.curvature_sigma > bent.curvature_sigma
+    assert other.bend.curvature == pytest.approx(-1 / 15.7 - 1 / CROWN_MM[1] + 1 / CROWN_MM[0], abs=0.001)
+    assert plane_of(*tops((0.02, 0.01), GAIN, 0.005), crown_mm=None).bend is None
     # a dome may slope as in the contact's middle, 3.2 mm from the image's centre
     at, heights, weights = tops((0.0, 0.0), GAIN)
     dome = plane_of(at, heights - GAIN * (at**2).sum(axis=1) / 40.0, weights)
