@@ -16,23 +16,23 @@ from tactape_fab import SpecError
 from tactape_fab.sense import ArmPose, Calibration, calibrate_sensor
 from tactape_fab.sense.calibrate import calibration
 from tactape_fab.sense.calibrate.adjust import Bundle
+from tactape_fab.sense.calibrate.conventions import Convention
 from tactape_fab.sense.calibrate.hand_eye import (
-    FAR_MM,
     OBSERVED_MM,
     OBSERVED_RAD,
     HandEye,
     _drawn,
     _first,
+    _fits,
     _Joint,
     _mirrored,
     _own_motion,
     _radius_mm,
+    _refuse_convention,
     _remarks,
     find_hand_eye,
-    matrix_of,
-    misfits,
-    on_tape,
 )
+from tactape_fab.sense.calibrate.misfits import FAR_MM, matrix_of, misfits, on_tape
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
@@ -210,9 +210,57 @@ def test_poses_that_do_not_fit_the_presses_are_refused(wrong: str) -> None:
             matrix[:3, 3] /= 1000.0
     else:
         matrices = matrices[3:] + matrices[:3]
-    with pytest.raises(SpecError, match=r"poses of the flange do not fit the presses: .* are left over on the tape"):
+    said = (
+        r"and taken with x, y, z in m 0\.0\d+ mm along it"
+        if wrong == "in metres"
+        else "more than 1 mm along it, 3 mm of height and"
+    )
+    with pytest.raises(SpecError, match=rf"do not fit the presses: .* are left over on the tape \(rms\), {said}"):
         changed = [ArmPose(frame=pose.frame, flange_to_base=matrix) for pose, matrix in zip(poses, matrices, strict=True)]
         solved_again(changed)
+
+
+def test_poses_whose_heights_are_of_no_plane_are_refused() -> None:
+    """As those of another convention have them, where x, y and turns are as exact as of right ones."""
+    for height_mm, fits in ((2.5, True), (4.0, False)):
+        poses = []
+        for pose, sign in zip(arm_poses(presses().poses), np.resize((1.0, -1.0, -1.0, 1.0, 1.0), 10), strict=True):
+            up = matrix_of(np.array([0.0, 0.0, sign * height_mm, 0.0, 0.0, 0.0]))
+            poses.append(replace(pose, flange_to_base=pose.flange_to_base @ ON_FLANGE @ up @ np.linalg.inv(ON_FLANGE)))
+        if fits:
+            assert 1.5 < solved_again(poses).left[2] < 3.0
+        else:
+            with pytest.raises(SpecError, match=r"3\.\d mm of height .* are left over .*, 3 mm of height and .* on a plane"):
+                solved_again(poses)
+
+
+@pytest.mark.parametrize(
+    ("left", "fits"),
+    [
+        ((1.0, 1.0, 3.0, 9.0, 9.0, 0.1), True),
+        ((1.01, 0.0, 0.0, 0.0, 0.0, 0.0), False),
+        ((0.0, 1.01, 0.0, 0.0, 0.0, 0.0), False),
+        ((0.0, 0.0, 3.01, 0.0, 0.0, 0.0), False),
+        ((0.0, 0.0, 0.0, 0.0, 0.0, 0.101), False),
+    ],
+)
+def test_another_convention_counts_if_it_fits(left: tuple[float, ...], fits: bool) -> None:
+    assert _fits(np.array(left)) == fits
+    other = Convention(words="upside down", as_read=np.array([0.2, 0.5, 1.5, 0.0, 0.0, 0.05]), left=np.array(left))
+    _refuse_convention(None)
+    if not fits:
+        _refuse_convention(other)
+        return
+    with pytest.raises(
+        SpecError, match=r"0\.5 mm along it, 1\.5 mm of height and 2\.9 deg are .* taken upside down 1 mm along it, 3 mm"
+    ):
+        _refuse_convention(other)
+
+
+def test_poses_of_another_convention_that_fit_are_refused_with_its_name() -> None:
+    poses = [replace(p, flange_to_base=np.asarray(np.linalg.inv(p.flange_to_base))) for p in arm_poses(presses().poses)]
+    with pytest.raises(SpecError, match="taken as the base in the flange, the inverse 0"):
+        solved_again(poses)
 
 
 @costly

@@ -10,7 +10,7 @@ import pytest
 
 from tactape_fab import SpecError
 from tactape_fab.sense import ArmPose
-from tactape_fab.sense.calibrate.hand_eye import matrix_of, on_tape
+from tactape_fab.sense.calibrate.misfits import matrix_of, on_tape
 from tactape_fab.sense.files.arm_poses import read_hand_eye
 from tactape_fab.sense.survey.poses import in_plane
 
