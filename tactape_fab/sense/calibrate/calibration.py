@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from numbers import Integral
@@ -19,6 +19,7 @@ from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import Bundle, agreeing, designs_of, problem_of, solve
 from tactape_fab.sense.calibrate.errors import Errors, Estimate, estimate_errors
 from tactape_fab.sense.calibrate.hand_eye import find_hand_eye
+from tactape_fab.sense.calibrate.held import held_frames, held_remark
 from tactape_fab.sense.calibrate.noise import Noise, between_dots, off_contact
 from tactape_fab.sense.calibrate.orientation import KnownTurn, find_orientation, fitted_size, upright, with_depth, with_mask
 from tactape_fab.sense.calibrate.posedness import (
@@ -125,7 +126,9 @@ def calibrate_sensor(
         rough = _turned(all_images, registered, rough, known, valid)
     # the order: orientation and rough scale by which frames are located at all, the camera, and only then what rests on the
     # camera
-    presses, bundle, estimate, empty = _adjusted(images, registered, rough, bad, progress)
+    posed = {pose.frame for pose in arm_poses or ()}
+    presses, bundle, estimate, empty, held = _adjusted(images, registered, rough, bad, progress, posed)
+    bad += held
     corner_um = corner_sigma_um(bundle)
     refuse_unspread(presses, bundle, corner_um)
     held_out = _held_out(presses, bundle, _free(bundle))
@@ -180,20 +183,30 @@ def _adjusted(
     rough: SensorProfile,
     bad: Sequence[str],
     progress: Callable[[str, int, int], None],
-) -> tuple[list[Press], Bundle, Estimate, list[int]]:
-    """Presses, camera, errors of dots, and the frames that touch nothing: located and adjusted by turns, then by their pixels.
+    posed: Collection[int] = (),
+) -> tuple[list[Press], Bundle, Estimate, list[int], list[str]]:
+    """Presses, camera, errors of dots, the frames that touch nothing, and a remark on those that show a press again.
+
+    Frames are located and adjusted by turns, then by their pixels.
 
     bad: What is wrong with frames, for a refusal.
+    posed: Frames with a pose of the arm.
     """
-    sensor, before = rough, None
+    sensor, before, held = rough, None, list[str]()
     whole = [frame_fault(image) is None for image in images]
     for k in range(ROUNDS):
         presses, answers = located(images, tapes, sensor, partial(progress, f"round {k + 1}: frames"))
-        refuse_few(presses, answers, whole, bad)
+        refuse_few(presses, answers, whole, [*bad, *held])
         # only surrounded dots: a shift by the rim that is the same in all presses would be taken for distortion
-        kept, bundle, estimate = adjust(
-            [press.taken(press.interior) for press in presses], sensor, partial(progress, f"round {k + 1}: adjustments")
-        )
+        inner, step = [press.taken(press.interior) for press in presses], partial(progress, f"round {k + 1}: adjustments")
+        kept, bundle, estimate = adjust(inner, sensor, step)
+        again = held_frames(kept, bundle, posed)
+        if again:
+            images = [np.full_like(image, np.nan) if i in again else image for i, image in enumerate(images)]
+            whole, held = [good and i not in again for i, good in enumerate(whole)], [*held, *held_remark(again)]
+            presses, inner = ([press for press in each if press.frame not in again] for each in (presses, inner))
+            refuse_few(presses, answers, whole, [*held, *bad])
+            kept, bundle, estimate = adjust(inner, sensor, step)
         after = _corner_mm(bundle)
         if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
             break
@@ -211,7 +224,7 @@ def _adjusted(
         better = adjust(fine, bundle.sensor, partial(progress, "pixels: adjustments"))
         if better[2].errors.dot_mm < estimate.errors.dot_mm:
             kept, bundle, estimate = better
-    return kept, bundle, estimate, empty
+    return kept, bundle, estimate, empty, held
 
 
 def adjust(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -296,6 +297,30 @@ def test_remarks_say_what_cannot_be_observed() -> None:
     assert any("frames are 230 x 300 px (height x width), those of 'gelsight-mini' 240 x 320" in r for r in cropped.remarks)
     alike = pressed(TRUE, 10, 5, (5.0, 3.5), 30.0, alike=True).frames
     assert any("all presses are turned alike" in r for r in calibrate_sensor(alike, [TAPE], TRUE).remarks)
+
+
+def held(frames: list[Frame], times: int) -> list[Frame]:
+    """Frames of presses that are held, each with noise of its own."""
+    rng = np.random.default_rng(3)
+    return [frame + rng.normal(0.0, 5e-4, frame.shape).astype(np.float32) for frame in frames for _ in range(times)]
+
+
+@slow
+def test_frames_of_one_press_that_is_held_count_once() -> None:
+    found, once = (
+        calibrate_sensor(held(presses().frames[:7], 3), [TAPE], TRUE),
+        calibrate_sensor(presses().frames[:7], [TAPE], TRUE),
+    )
+    assert sorted(press.frame // 3 for press in found.presses) == list(range(7)) and found.frames == 21
+    assert any(re.match(r"14 frames show the presses of others again \(frame \d", remark) for remark in found.remarks)
+    for name in ("px_per_mm_u", "aspect"):
+        assert figure(found, name)[1] == pytest.approx(figure(once, name)[1], rel=0.15)
+
+
+def test_few_presses_that_are_held_are_refused() -> None:
+    """Four of ten frames each were taken for forty presses."""
+    with pytest.raises(SpecError, match=r"^only 4 presses of 8 frames can be used.*4 frames show the presses of others again"):
+        calibrate_sensor(held(presses().frames[:4], 2), [TAPE], TRUE)
 
 
 @slow
