@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.sense.calibrate.held import at_one_place
 from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_size, with_depth, with_mask
 from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault, without_repeats
 from tactape_fab.sense.calibrate.presses import Frame
 from tactape_fab.sense.calibrate.valid import valid_pixels
 from tactape_fab.sense.decode.dots.frame_dots import detected
 from tactape_fab.sense.decode.localizer import Localizer
-from tactape_fab.sense.decode.result import SOLID_DOTS
+from tactape_fab.sense.decode.result import SOLID_DOTS, Localization
 from tactape_fab.sense.decode.rule import GOOD_TRUST
 from tactape_fab.sense.files.jobs import at_scale, by_scale_of_file, of_file_scale
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import BoolArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.tape import Tape
 
 MOST_FRAMES = 200
@@ -104,8 +105,8 @@ def look_at_frames(
         problems = _of_profile(images, tapes, sensor, max(fix.n_dots for fix in answers))
         wrong.append(problems if px_per_mm is None else of_file_scale(problems))
     # what is there twice is one press
-    located = [fix.located for fix, image in zip(answers, once, strict=True) if np.isfinite(image).any()]
-    return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(sum(located), len(located), wrong))
+    own = [fix for fix, image in zip(answers, once, strict=True) if np.isfinite(image).any()]
+    return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(own, wrong))
 
 
 def _of_values(images: Sequence[Frame], seen: BoolArray | None) -> list[str]:
@@ -154,9 +155,24 @@ def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorPr
     return f"the tape is seen with another profile: set {', '.join(changes)} in the sensor profile, or calibrate"
 
 
-def _next_step(found: int, count: int, wrong: Sequence[str]) -> str:
-    if found >= LEAST_PRESSES:
-        return f"{found} of {count} frames are located: run tactape-fab calibrate with them"
+def _next_step(answers: Sequence[Localization], wrong: Sequence[str]) -> str:
+    found, places = sum(fix.located for fix in answers), _places(answers)
+    said = f"{found} of {len(answers)} frames are located"
+    if places >= LEAST_PRESSES:
+        return f"{said}: run tactape-fab calibrate with them"
     if wrong and found == 0:
         return "run tactape-fab calibrate with some ten presses: it finds sign, mirror and px/mm itself"
-    return f"{found} of {count} frames are located; press the tape some ten times, then run tactape-fab calibrate"
+    # frames of one press that is held are one press
+    said += f", at {places} places" if 1 < places < found else ", all at one place" if places < found else ""
+    return f"{said}; press the tape some ten times, then run tactape-fab calibrate"
+
+
+def _places(answers: Sequence[Localization]) -> int:
+    """How many presses are sure to be presses of their own, by where they are."""
+    kept: list[tuple[str | None, FloatArray]] = []
+    for fix in answers:
+        if fix.located and fix.position_mm is not None and fix.theta_deg is not None:
+            pose = np.array([*fix.position_mm, np.radians(fix.theta_deg)])
+            if not any(tape == fix.tape and at_one_place(other, pose) for tape, other in kept):
+                kept.append((fix.tape, pose))
+    return len(kept)

@@ -50,11 +50,16 @@ def held_remark(again: dict[int, int]) -> list[str]:
     return [f"{counted} again (frame {k} that of frame {j}); a press that is held counts once: press elsewhere for another"]
 
 
+def at_one_place(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two poses, x mm, y mm and theta rad, may be of one press."""
+    turn = abs((a[2] - b[2] + pi) % (2.0 * pi) - pi)
+    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) <= SAME_MM and turn <= SAME_RAD)
+
+
 def _same(presses: Sequence[Press], bundle: Bundle, j: int, k: int) -> bool:
     """Whether two frames are of one press."""
-    a, b, apart = presses[j], presses[k], bundle.poses[j] - bundle.poses[k]
-    turn = abs((apart[2] + pi) % (2.0 * pi) - pi)
-    if a.tape != b.tape or np.hypot(apart[0], apart[1]) > SAME_MM or turn > SAME_RAD:
+    a, b = presses[j], presses[k]
+    if a.tape != b.tape or not at_one_place(bundle.poses[j], bundle.poses[k]):
         return False
     # a part is at one place in all frames
     of_a, of_b = np.intersect1d(_parts(a), _parts(b), return_indices=True)[1:]

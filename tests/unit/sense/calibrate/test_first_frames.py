@@ -45,6 +45,18 @@ def test_one_press_given_many_times_is_one() -> None:
         calibrate_sensor(frames, [TAPE], masked)
 
 
+def test_frames_of_presses_that_are_held_are_no_presses_of_their_own() -> None:
+    """Seven of three presses were sent on to calibrate, which needs six presses."""
+    rng = np.random.default_rng(1)
+    frames = [f + rng.normal(0.0, 5e-4, f.shape).astype(np.float32) for f in (*good()[:3], *good()[:3], good()[0])]
+    assert look_at_frames(frames, [TAPE], TRUE).next_step.startswith(
+        "7 of 7 frames are located, at 3 places; press the tape some"
+    )
+    assert look_at_frames([frames[0], frames[3]], [TAPE], TRUE).next_step.startswith(
+        "2 of 2 frames are located, all at one place;"
+    )
+
+
 def test_a_file_s_own_scale_counts() -> None:
     off = replace(TRUE, px_per_mm=(10.0, 10.0))
     assert look_at_frames(good(), [TAPE], off, TRUE.px_per_mm).wrong == ()
