@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from tactape_fab import FrameError, Localizer, SpecError
-from tactape_fab.sense import Calibration, SensorProfile, calibrate_sensor
+from tactape_fab.sense import ArmPose, Calibration, SensorProfile, calibrate_sensor
+from tactape_fab.sense.calibrate import calibration as calibration_module
 from tactape_fab.sense.calibrate.posedness import share_of_perfect
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.bench import calibration
@@ -315,6 +316,16 @@ def test_frames_of_one_press_that_is_held_count_once() -> None:
     assert any(re.match(r"14 frames show the presses of others again \(frame \d", remark) for remark in found.remarks)
     for name in ("px_per_mm_u", "aspect"):
         assert figure(found, name)[1] == pytest.approx(figure(once, name)[1], rel=0.15)
+
+
+@slow
+def test_of_a_press_that_is_held_the_frame_with_a_pose_of_the_arm_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames, seen = held(presses().frames[:6], 2), list[int]()
+    monkeypatch.setattr(calibration_module, "find_hand_eye", lambda _bundle, found, *_: seen.extend(p.frame for p in found))
+    for posed in (0, 1):
+        poses = [ArmPose(frame=k, flange_to_base=np.eye(4)) for k in range(posed, 12, 2)]
+        calibrate_sensor(frames, [TAPE], TRUE, arm_poses=poses)
+    assert seen == [*range(0, 12, 2), *range(1, 12, 2)]
 
 
 def test_few_presses_that_are_held_are_refused() -> None:
