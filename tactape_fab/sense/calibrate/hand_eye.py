@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_triangular
 from scipy.optimize import least_squares
 from scipy.sparse import bmat, csr_matrix
 from scipy.spatial.transform import Rotation
@@ -49,6 +49,8 @@ BY_CHANCE = 1e-3
 """Probability below which tilts that go with the places of presses are those of a bent tape."""
 MOST_SHARE = 0.5
 """Largest share of the variance of tilts by the arm's own errors; above it, tilts do not tell how far the sensor reaches out."""
+LEAST_PIVOT = 1e-7
+"""Least pivot of a normal matrix with a diagonal of ones. An open reach, which its prior alone holds, has 1e-5 to 1e-4."""
 _MISFIT = "poses of the flange do not fit the presses: "
 _POSES = "give poses of the flange in the base, x, y, z in mm, the quaternion as qw,qx,qy,qz with qw first"
 _ROUNDS = 3
@@ -236,7 +238,7 @@ class _Joint:
         )
         at = whole(found.x)
         derivative = self.derivative(at)[:, free]
-        covariance = np.linalg.inv((derivative.T @ derivative).toarray())
+        covariance = _inverse((derivative.T @ derivative).toarray())
         first, count = self.pattern[1].size - 1, 6 * len(self.which)
         arm = derivative[first : first + count].toarray()
         # leverage of each row, the diagonal of J C J^T: 1 for a row that the unknowns fit exactly
@@ -267,6 +269,23 @@ class _Joint:
         own = csr_matrix((by.ravel(), (rows, np.tile(columns, len(by)))), shape=(len(by), self.count + 12))
         empty = csr_matrix((seen.shape[0], 12))
         return csr_matrix(bmat([[bmat([[seen, empty]])], [own]]))
+
+
+def _inverse(normal: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix. Raises SpecError where poses leave it singular, as those that are all the same do."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    try:
+        # by Cholesky, so that no variance is negative where poses leave much open; mm and rad are scaled to the same size
+        lower = np.linalg.cholesky(normal * np.outer(scale, scale))
+    except np.linalg.LinAlgError:
+        lower = np.zeros_like(normal)
+    # a pivot is one over the factor by which the other unknowns enlarge a standard deviation: rounding has more than the rest
+    if np.diag(lower).min() < LEAST_PIVOT:
+        message = "poses of the flange do not say where the sensor is on it: they are all the same, or nearly"
+        remedy = "give the pose at each of these frames, of presses at places and turns that differ"
+        raise SpecError(Problem("hand_eye", f"{message}; {remedy}"))
+    back = solve_triangular(lower, np.diag(scale), lower=True)
+    return np.asarray(back.T @ back)
 
 
 def _own_motion(values: FloatArray) -> FloatArray:

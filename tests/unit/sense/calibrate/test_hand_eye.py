@@ -24,6 +24,7 @@ from tactape_fab.sense.calibrate.hand_eye import (
     _drawn,
     _first,
     _fits,
+    _inverse,
     _Joint,
     _mirrored,
     _own_motion,
@@ -333,6 +334,16 @@ def test_a_press_that_was_tilted_on_purpose_is_kept() -> None:
 
 
 # By hand
+
+
+def test_a_normal_matrix_is_inverted_or_named_as_singular() -> None:
+    rates = np.random.default_rng(3).normal(size=(30, 5)) * (1e3, 1.0, 1e-3, 1.0, 1.0)
+    assert _inverse(rates.T @ rates) == pytest.approx(np.linalg.inv(rates.T @ rates), rel=1e-6)
+    rates[:, 3] = rates[:, 4]
+    with pytest.raises(SpecError, match="they are all the same, or nearly; give the pose at each"):
+        _inverse(rates.T @ rates)
+    nearly = np.diag([1.0, 1.0]) + (1.0 - 1e-12) * (1.0 - np.eye(2))
+    assert np.diag(_inverse(nearly)) == pytest.approx(5e11, rel=1e-3)
 
 
 @pytest.mark.parametrize(
