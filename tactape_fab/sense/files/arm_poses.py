@@ -106,7 +106,8 @@ def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> lis
                 found[pose.frame] = pose
             problems += [Problem(key, f"{key} = {shown_path(path)} line {number}: {fault}") for fault in faults]
     except csv.Error as error:
-        problems.append(Problem(key, f"{key} = {shown_path(path)} is no CSV: {error}"))
+        message = f"{key} = {shown_path(path)} is no CSV: {error}; give one row a frame, lines ended by LF or CRLF"
+        problems.append(Problem(key, message))
     if not found and not problems:
         option = key.replace("_", "-")
         problems.append(Problem(key, f"{key} = {shown_path(path)} has no row; give a row a frame, or leave out --{option}"))

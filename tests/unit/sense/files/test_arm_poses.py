@@ -47,6 +47,7 @@ def test_rotations_are_those_of_scipy(tmp_path: Path) -> None:
         (HEADER + "0,1,2,3,1,1,0,0\n", "the quaternion's length is 1.41, not 1"),
         (HEADER + "0,1e9,2,3,1,0,0,0\n", "x_mm = '1e9' is no number from"),
         (HEADER + "0,1,2,3,1,0,0,0\n" * 2, "line 3: frame 0 is there twice"),
+        ((HEADER + "0,1,2,3,1,0,0,0\n").replace("\n", "\r"), "is no CSV: .*; give one row a frame, lines ended by LF or CRLF"),
         (HEADER.strip() + ",sigma_mm\n0,1,2,3,1,0,0,0,0\n", "sigma_mm = '0' is no number from 0.0001 to 100"),
     ],
 )
