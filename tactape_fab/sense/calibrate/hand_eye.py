@@ -145,7 +145,9 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
             break
     if not _fits(rms):
         most = np.array([MOST_LEFT_MM, 0.0, MOST_HEIGHT_MM, 0.0, 0.0, MOST_LEFT_RAD])
-        message = f"{_MISFIT}{_said(rms)} are left over on the tape (rms), more than {_said(most)}; {_POSES}, at these frames"
+        message = (
+            f"{_MISFIT}{_said(rms)} are left over on the tape (rms), more than {_said(most, 'or')}; {_POSES}, at these frames"
+        )
         raise SpecError(Problem("hand_eye", f"{message}, of presses on a tape that lies on a plane"))
     # the unknowns are places in the outer frame and rotation vectors, whose changes are no turns about any frame's axes
     own = block_diag(_own_motion(z[-12:-6]), _own_motion(z[-6:]))
@@ -178,8 +180,8 @@ def _refuse_convention(other: Convention | None) -> None:
         raise SpecError(Problem("hand_eye", f"{message}; {_POSES}"))
 
 
-def _said(left: FloatArray) -> str:
-    return f"{left[:2].max():.2g} mm along it, {left[2]:.2g} mm of height and {np.degrees(left[5]):.2g} deg"
+def _said(left: FloatArray, last: str = "and") -> str:
+    return f"{left[:2].max():.2g} mm along it, {left[2]:.2g} mm of height {last} {np.degrees(left[5]):.2g} deg"
 
 
 def _agreeing(
