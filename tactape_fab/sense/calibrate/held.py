@@ -18,7 +18,7 @@ LEAST_COMMON = 0.5
 """Least share of dots, of the frame with fewer, that both show: a sensor that rolls about its image's middle shows others."""
 ALIKE = 0.5
 """Least correlation of the errors of dots that both show. With a gel that is displaced by 20 to 60 um it is 0.6 to 1 for nine in
-ten pairs of frames of one press, and below 0.6 for nine in ten pairs of presses anew at one place (simulated)."""
+ten pairs of frames of one press, and below 0.65 for nine in ten pairs of presses anew at one place (simulated)."""
 
 
 def held_frames(presses: Sequence[Press], bundle: Bundle, posed: Collection[int] = ()) -> dict[int, int]:
