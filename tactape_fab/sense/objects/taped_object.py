@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import ceil, pi
 from pathlib import Path
 from typing import Any
 
@@ -219,9 +220,28 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
     )
     if printed is not None:
         mount = replace(printed, rotation=turn @ printed.rotation, position_mm=turn @ printed.position_mm + position)
+    elif surface == "cylinder" and not _goes_round(mount, tape, radius, table):
+        return None
     if corners is None:
         return TapeOnObject(kit=kit, tape=tape, mount=mount)
     return _measured(kit, tape, mount, corners, table)
+
+
+def _goes_round(mount: Mount, tape: Tape, radius_mm: float, table: Fields) -> bool:
+    """Whether a film meets its own beginning at most; a longer one is a problem: no object of this radius carries it."""
+    along = AROUND.index(mount.around)
+    length_mm, height_mm = tape.board.size_mm[along], tape.board.size_mm[1 - along]
+    # the neutral layer keeps the length of the flat film
+    longest_mm = 2 * pi * mount.true_mm
+    if length_mm <= longest_mm:
+        return True
+    # rounded up to a micrometre, so that the typed value is enough
+    least_mm = ceil((length_mm / (2 * pi) - (mount.true_mm - radius_mm)) * 1000) / 1000
+    message = f"radius_mm = {radius_mm:g} mm: the way round is {longest_mm:.3f} mm at the film's middle, {mount.true_mm:g} mm "
+    message += f"from the axis, and the tape is {length_mm:g} mm along board {mount.around}; give the object's radius in mm, "
+    turned = f", or around = '{AROUND[1 - along]}' if the side of {height_mm:g} mm goes round" if height_mm <= longest_mm else ""
+    table.problem("radius_mm", f"{message}{least_mm:g} mm or more{turned}")
+    return False
 
 
 def _read_pose(table: Fields, given: list[str]) -> tuple[np.ndarray, np.ndarray]:

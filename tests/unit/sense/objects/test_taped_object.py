@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from math import cos, pi, radians, sin
 from pathlib import Path
@@ -147,6 +148,30 @@ def test_a_print_round_a_cylinder_lies_as_its_model_does(around: Literal["x", "y
     film = f'surface = "cylinder"\nradius_mm = 20\naround = "{around}"\nposition_mm = [0, 0, 0]\nrpy_deg = [0, 0, 0]'
     with pytest.raises(SpecError, match=r"printed round a cylinder of 20 mm already.*give surface = 'plane'"):
         read_object(write(tmp_path, kit, film))
+
+
+ROUND = 'surface = "cylinder"\nunder_mm = 0.1\nposition_mm = [0, 0, 0]\nrpy_deg = [0, 0, 0]\n'
+
+
+@pytest.mark.parametrize("around", ["x", "y"])
+def test_a_film_longer_than_the_way_round_is_refused(around: str, small_kit: Kit, tmp_path: Path) -> None:
+    board = replace(small_kit.tape.board, size_mm=(31.0, 20.0) if around == "x" else (20.0, 31.0))
+    entry: Any = SimpleNamespace(path=small_kit.path, tape=replace(small_kit.tape, board=board))
+    # metres typed; and a radius whose 20 mm go round where 31 mm do not: 2 pi (4.775 + 0.1 + 0.055) mm are 30.98 mm
+    for radius, says in (("0.016", "or more$"), ("4.775", f"or more, or around = '{'yx'[around == 'y']}' if the side of 20 mm")):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("tactape_fab.sense.objects.taped_object.read_registered", lambda _: [entry])
+            with pytest.raises(SpecError) as caught:
+                read_object(write(tmp_path, small_kit, f'{ROUND}around = "{around}"\nradius_mm = {radius}'))
+            (problem,) = caught.value.problems
+            assert problem.key.endswith("tapes[0].radius_mm") and f"radius_mm = {radius} mm: " in problem.message
+            assert f"the tape is 31 mm along board {around}; give the object's radius in mm, 4.779 mm or more" in problem.message
+            assert re.search(says, problem.message)
+            # what is told, typed; and a micrometre less
+            (told,) = read_object(write(tmp_path, small_kit, f'{ROUND}around = "{around}"\nradius_mm = 4.779')).tapes
+            assert 31.0 <= 2 * pi * told.mount.true_mm < 31.0 + 2 * pi * 0.001
+            with pytest.raises(SpecError, match=r"= 4\.778 mm: the way round is 30\.995 mm at"):
+                read_object(write(tmp_path, small_kit, f'{ROUND}around = "{around}"\nradius_mm = 4.778'))
 
 
 @pytest.mark.parametrize("surface", ["plane", "cylinder"])
