@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab import Tape, TapeSpec, make_kit
+from tactape_fab.base.errors import FrameError
 from tactape_fab.kit.render.preview import MARGIN_MM, PX_PER_MM
 from tactape_fab.sense.objects.tag_pose import refine_tag_pose
 from tactape_fab.sense.objects.tag_view import (
@@ -103,17 +104,23 @@ def measure(cell_mm: float, views: int, seed: int = 47) -> dict[str, Any]:
     points = np.stack(np.meshgrid(np.linspace(0.0, high[0], 12), np.linspace(0.0, high[1], 7)), axis=-1).reshape(-1, 2)
     near = np.hypot(*(points - tag_to_texture(tape)[:2, 3]).T) <= NEAR_MM + tag_side_mm(tape) / 2
     answers: dict[str, list[FloatArray]] = {"detector": [], "refined": []}
+    refused = 0
     for _ in range(views):
         pose = draw_pose(tape, rng)
         picture = photograph(of, *pose, rng)
         found = detected(tape, picture)
         if found is None:
             continue
-        refined = refine_tag_pose(tape, picture, *found, CAMERA)
         pixels = texture_to_pixels(tape, points, *pose, CAMERA)
         answers["detector"].append(pixels_to_texture(tape, pixels, *found, CAMERA) - points)
+        try:
+            refined = refine_tag_pose(tape, picture, *found, CAMERA)
+        except FrameError:
+            refused += 1
+            continue
         answers["refined"].append(pixels_to_texture(tape, pixels, refined.rotation, refined.translation_mm, CAMERA) - points)
-    out: dict[str, Any] = {"cell_mm": cell_mm, "side_mm": tag_side_mm(tape), "views": views, "found": len(answers["refined"])}
+    out: dict[str, Any] = {"cell_mm": cell_mm, "side_mm": tag_side_mm(tape), "views": views, "found": len(answers["detector"])}
+    out["refused"] = refused
     whole = len(answers["refined"]) // FRAMES_TOGETHER * FRAMES_TOGETHER
     together = np.reshape(answers["refined"][:whole], (-1, FRAMES_TOGETHER, len(points), 2)).mean(axis=1)
     for name, errors in (*answers.items(), ("ten refined", together)):

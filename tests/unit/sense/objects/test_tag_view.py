@@ -11,6 +11,7 @@ import pytest
 from tactape_fab import Kit, pixels_to_texture, refine_tag_pose, tag_side_mm, tag_to_texture, texture_to_pixels
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.sense.objects.tag_view import camera_arrays, tag_corners_mm
+from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tag import tag_cells
 from tactape_fab.texture.tape import Tape
 from tests.bench import camera
@@ -133,18 +134,56 @@ def test_a_detector_s_pose_is_refined_whether_it_knows_the_lens_or_not(known: bo
     assert found.rotation == pytest.approx(turn, abs=5e-3) and found.translation_mm == pytest.approx(shift, abs=0.3)
 
 
-def test_a_tag_of_more_pixels_than_16_bits_count_is_refined() -> None:
+def from_above(cell_px: int, blur_px: float = 0.7) -> tuple[Tape, camera.Picture, FloatArray, FloatArray]:
+    """A tag whose middle lies on the camera's axis, seen at a right angle: tape, picture, camera, the tag's place there."""
     of = camera.printed(2.0).tape
     assert of.tag is not None
-    cell_px, matrix = 21, np.array([[1000.0, 0.0, 144.5], [0.0, 1000.0, 134.5], [0.0, 0.0, 1.0]])
-    picture = np.zeros((280, 300), dtype=np.uint8)
-    # the middle of the tag lies on the camera's axis
-    picture[30:240, 40:250] = np.kron(255 * tag_cells(of.tag.id).astype(np.uint8), np.ones((cell_px, cell_px), dtype=np.uint8))
-    picture = cv2.GaussianBlur(picture, (0, 0), 0.7)
-    away = 1000.0 * of.tag.cell_mm / cell_px
-    found = refine_tag_pose(of, picture, np.eye(3), (0.1, -0.1, away), matrix)
-    assert (9 * cell_px) ** 2 > 2**15 and found.fit > 0.99
-    assert found.translation_mm == pytest.approx((0.0, 0.0, away), abs=0.1)
+    side = 14 * cell_px
+    picture = np.zeros((side, side), dtype=np.uint8)
+    cells = np.kron(255 * tag_cells(of.tag.id).astype(np.uint8), np.ones((cell_px, cell_px), dtype=np.uint8))
+    picture[2 * cell_px : -2 * cell_px, 2 * cell_px : -2 * cell_px] = cells
+    matrix = np.array([[1000.0, 0.0, (side - 1) / 2], [0.0, 1000.0, (side - 1) / 2], [0.0, 0.0, 1.0]])
+    return of, cv2.GaussianBlur(picture, (0, 0), blur_px), matrix, np.array([0.0, 0.0, 1000.0 * of.tag.cell_mm / cell_px])
+
+
+def test_a_tag_of_more_pixels_than_16_bits_count_is_refined() -> None:
+    of, picture, matrix, there = from_above(21)
+    found = refine_tag_pose(of, picture, np.eye(3), there + np.array([0.1, -0.1, 0.0]), matrix)
+    assert (9 * 21) ** 2 > 2**15 and found.fit > 0.99
+    assert found.translation_mm == pytest.approx(there, abs=0.1)
+
+
+@pytest.mark.parametrize("times", [0.8, 0.87, 1.15, 1.25])
+def test_a_pose_too_near_or_too_far_leads_to_the_tag(times: float) -> None:
+    """A detector that is told the side of the light ring, 10 cells for 8, is a quarter off."""
+    of, picture, matrix, there = from_above(6)
+    found = refine_tag_pose(of, picture, np.asarray(cv2.Rodrigues(np.array([0.02, 0.03, 0.01]))[0]), times * there, matrix)
+    assert found.fit > 0.99 and found.translation_mm == pytest.approx(there, abs=0.3)
+
+
+def test_light_that_falls_across_the_tag_leaves_its_pose() -> None:
+    of, picture, matrix, there = from_above(6)
+    fall = np.linspace(1.0, 0.25, picture.shape[1]) * np.linspace(0.9, 1.0, picture.shape[0])[:, None]
+    found = refine_tag_pose(of, (40.0 + picture * 0.8 * fall).astype(np.uint8), np.eye(3), there, matrix)
+    assert found.fit > 0.99 and found.translation_mm == pytest.approx(there, abs=0.3)
+    assert np.abs(found.rotation - np.eye(3)).max() < 0.01
+
+
+@pytest.mark.parametrize(("level", "share"), [(0, 0.1), (128, 0.2), (255, 0.15)])
+def test_a_tag_that_is_partly_covered_is_refused(level: int, share: float) -> None:
+    of, picture, matrix, there = from_above(6)
+    covered = picture.copy()
+    covered[:, round((0.5 + 9 / 14 * (0.5 - share)) * len(picture)) :] = level
+    with pytest.raises(FrameError, match=r"does not show all of tag 7 .*worst spot off by \d+% .*in which nothing covers it"):
+        refine_tag_pose(of, covered, np.eye(3), there, matrix)
+    assert refine_tag_pose(of, picture, np.eye(3), there, matrix).fit > 0.99
+
+
+def test_a_noisy_picture_of_little_contrast_is_no_cover() -> None:
+    of, picture, matrix, there = from_above(6)
+    noise = np.random.default_rng(1).normal(0.0, 3.0, picture.shape)
+    found = refine_tag_pose(of, np.rint(60.0 + picture * 0.1 + noise).astype(np.uint8), np.eye(3), there, matrix)
+    assert 0.9 < found.fit < 0.98 and found.translation_mm == pytest.approx(there, abs=1.0)
 
 
 @slow
@@ -153,9 +192,9 @@ def test_pictures_without_the_tag_are_refused() -> None:
     pose = camera.draw_pose(of.tape, rng)
     height_px, width_px = camera.SIZE_PX[::-1]
     noise = rng.integers(0, 255, (height_px, width_px), dtype=np.uint8)
-    with pytest.raises(FrameError, match="does not show tag 7 there"):
+    with pytest.raises(FrameError, match="does not show all of tag 7 there"):
         refine_tag_pose(of.tape, noise, *pose, camera.CAMERA)
-    with pytest.raises(FrameError, match="does not show tag 7 there"):
+    with pytest.raises(FrameError, match="does not show all of tag 7 there"):
         refine_tag_pose(of.tape, np.zeros_like(noise), *pose, camera.CAMERA)
     # border and ring are those of every tag: another one, a quarter turn, OpenCV's axes (y up, z out, turned by 180)
     picture, turn, shift = camera.photograph(of, *pose, rng), *pose
@@ -164,7 +203,7 @@ def test_pictures_without_the_tag_are_refused() -> None:
     quarter = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
     assert refine_tag_pose(of.tape, picture, turn, shift, camera.CAMERA).fit > 0.99
     for tape, told in ((another, turn), (of.tape, turn @ quarter), (of.tape, turn @ np.diag([-1.0, 1.0, -1.0]))):
-        with pytest.raises(FrameError, match=r"does not show tag [78] there .* with x right and y down on it"):
+        with pytest.raises(FrameError, match=r"does not show all of tag [78] there .* with x right and y down on it"):
             refine_tag_pose(tape, picture, told, shift, camera.CAMERA)
     with pytest.raises(FrameError, match="not wholly inside"):
         refine_tag_pose(of.tape, noise, pose[0], pose[1] + [300.0, 0.0, 0.0], camera.CAMERA)
