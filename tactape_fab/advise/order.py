@@ -15,6 +15,7 @@ from tactape_fab.advise.designs import SHARES, Design, film_pitch_mm, judged, se
 from tactape_fab.advise.model import CODES, LOSS, least_contact_mm
 from tactape_fab.advise.question import Question, read_question
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
 from tactape_fab.kit.film.anchors import Placing, anchor_pitch_mm
 from tactape_fab.kit.outlines import part_outlines
 from tactape_fab.kit.profiles import FabProfile, PartProfile, house_fab, load_fab, read_part
@@ -119,8 +120,9 @@ def _contact(value: Any) -> tuple[float, str]:
     """Diameter of the round contact of the same area, mm, and the contact as text."""
     sides = list(value) if isinstance(value, (list, tuple)) else [value]
     if not (1 <= len(sides) <= 2 and all(isinstance(side, (int, float)) and 1.0 <= side <= 100.0 for side in sides)):
-        shown = "x".join(map(str, sides))
-        message = f"contact = {shown} is no size of a contact; give MM or WxH, 1 to 100 mm, such as 11x9"
+        message = (
+            f"contact = {shown('x'.join(map(str, sides)))} is no size of a contact; give MM or WxH, 1 to 100 mm, such as 11x9"
+        )
         raise SpecError(Problem("contact", message))
     words = " x ".join(f"{side:g}" for side in sides) + " mm"
     # an ellipse of axes a and b has the area of a circle of diameter sqrt(a b)

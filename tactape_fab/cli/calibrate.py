@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.base.errors import Problem, SpecError, refuse, tried
+from tactape_fab.base.fields import shown
 from tactape_fab.cli.exits import answers, with_options
 from tactape_fab.cli.options import pair
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, step_shown, table_lines
@@ -107,16 +107,16 @@ def _calibrated(
     refuse(problems)
     assert path is not None and sensor is not None and tapes is not None
     images = (frame for file in opened for frame in file.frames())
-    name, shown = path.stem[:100], step_shown()
-    return calibrate_sensor(images, tapes, sensor, name=name, known_theta=known, arm_poses=poses, progress=shown), path
+    name, step = path.stem[:100], step_shown()
+    return calibrate_sensor(images, tapes, sensor, name=name, known_theta=known, arm_poses=poses, progress=step), path
 
 
 def _known(text: str) -> tuple[int, float]:
     found: list[Any] = pair(text)
     if len(found) != 2 or not isinstance(found[0], int) or isinstance(found[1], str):
-        message = f"known_theta = {json.dumps(text)} is not FRAME,DEG; give the frame's index and its angle, such as 0,90"
+        message = f"known_theta = {shown(text)} is not FRAME,DEG; give the frame's index and its angle, such as 0,90"
         raise SpecError(Problem("known_theta", message))
-    return found[0], float(found[1])
+    return found[0], found[1]
 
 
 def calibration_lines(found: Calibration) -> list[str]:

@@ -36,6 +36,8 @@ _PART = "\0"
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
 _MOST_CHARACTERS = 4000
 """Most characters of a problem that are searched and printed: a key of a hostile file may have a megabyte."""
+_MOST_TYPED = 200
+"""Most characters of a typed value that are printed."""
 _MOST_LINES = 200
 """Most problems that are printed: a hostile file may have one in each of 300,000 rows."""
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
@@ -114,10 +116,16 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
         # the message is about one part of a value that was typed as a
         # whole, such as 0x50: the whole is shown, then the part
         if index is not None and isinstance(text, str):
-            return f"{name} = {text!r}:{_PART}"
-        return f"{name} = {text!r}" if listed and isinstance(text, str) else name + (f" = {listed}" if listed else "")
+            return f"{name} = {_cut(text)}:{_PART}"
+        return f"{name} = {_cut(text)}" if listed and isinstance(text, str) else name + (f" = {listed}" if listed else "")
 
     return _KEY.sub(option, line).replace(f"{_PART} = ", " ").replace(f":{_PART}", "")
+
+
+def _cut(text: str) -> str:
+    """A typed text in quotes, without the middle of a long one: that of a path has a name at its end."""
+    whole, half = repr(text), _MOST_TYPED // 2
+    return whole if len(whole) <= _MOST_TYPED else f"{whole[:half]}...{whole[-half:]}"
 
 
 def _shortened(line: str) -> str:

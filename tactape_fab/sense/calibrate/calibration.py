@@ -155,13 +155,14 @@ def calibrate_sensor(
 
 def _known(given: tuple[int, float], count: int) -> KnownTurn:
     remedy = "the index of a frame and its angle: 0,90"
-    frame, theta_deg = as_numbers(given, (2,), "known_theta", remedy).tolist()
+    theta_deg = float(as_numbers(given, (2,), "known_theta", remedy, finite=False)[1])
     refuse_other(given[0], Integral, "known_theta", "index", remedy)
     frame = given[0]
-    typed = f"known_theta = {frame},{theta_deg:g}"
+    typed = f"known_theta = {shown(frame)},{theta_deg:g}"
     if not 0 <= frame < count:
-        message = f"{typed}: frame {frame} is not from 0 to {count - 1}; give the index of a frame and its angle: 0,90"
+        message = f"{typed}: frame {shown(frame)} is not from 0 to {count - 1}; give {remedy}"
         raise SpecError(Problem("known_theta", message))
+    # a NaN is within no limits
     if not -360.0 <= theta_deg <= 360.0:
         raise SpecError(Problem("known_theta", f"{typed}: {theta_deg:g} deg is not from -360 to 360 deg; give one of those"))
     return KnownTurn(frame=frame, theta_deg=theta_deg)

@@ -90,10 +90,10 @@ def test_w_that_is_given_is_not_widened_to_what_is_legal() -> None:
         ({"code": "touch-1", "directions": 8}, "jlcpcb-fr4", None, "directions = 8 contradicts --order"),
         ({"directions": [8]}, "jlcpcb-fr4", None, r"directions = \[8\] is neither 4 nor 8"),
         ({"pitch_mm": -1}, "jlcpcb", None, "pitch_mm = -1"),
-        ({}, "jlcpcb", [0, 5], "contact = 0x5 is no size"),
-        ({}, "jlcpcb", [4, 5, 6], "contact = 4x5x6 is no size"),
-        ({}, "jlcpcb", ["a"], "contact = a is no size"),
-        ({}, "jlcpcb", float("nan"), "contact = nan is no size"),
+        ({}, "jlcpcb", [0, 5], "contact = '0x5' is no size"),
+        ({}, "jlcpcb", [4, 5, 6], "contact = '4x5x6' is no size"),
+        ({}, "jlcpcb", ["a"], "contact = 'a' is no size"),
+        ({}, "jlcpcb", float("nan"), "contact = 'nan' is no size"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_a_way_out(values: dict[str, Any], house: str, contact: Any, says: str) -> None:

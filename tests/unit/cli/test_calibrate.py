@@ -76,11 +76,19 @@ def test_all_problems_are_said_together_and_nothing_is_written(tmp_path: Path) -
         "no file of frames is given",
         "no tape is given",
         "no-such",
-        '--known-theta = "up" is not FRAME,DEG',
+        "--known-theta = 'up' is not FRAME,DEG",
         "no.csv cannot be opened",
     ):
         assert words in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("angle", ["nan", "inf", "1e999", "9" * 400])
+def test_a_known_angle_that_is_none_is_named_as_typed(angle: str, folder: Path, default_kit: Kit, tmp_path: Path) -> None:
+    out = tmp_path / "mine.toml"
+    result = run("calibrate", folder / "presses.npz", "--tape", default_kit.path, "-o", out, "--known-theta", f"0,{angle}")
+    said = "no array of numbers" if len(angle) > 9 else f"= 0,{float(angle)}: {float(angle)} deg is not from -360 to 360 deg"
+    assert result.exit_code == 2 and "error: --known-theta " in result.stderr and said in result.stderr
 
 
 def test_presses_that_say_too_little_write_nothing(folder: Path, default_kit: Kit, tmp_path: Path) -> None:

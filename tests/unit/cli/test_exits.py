@@ -17,7 +17,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from tactape_fab.base.errors import SpecError, TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.cli import main
 from tactape_fab.cli.exits import answer, ended_by_signals, with_options
 
@@ -56,6 +56,12 @@ def test_a_message_of_a_megabyte_is_cut_before_it_is_looked_at(kind: type[Tactap
     ((line,),) = [lines for _, lines in [answer(kind("there are: " + "a = [" * 200_000 + "; give one of them"))]]
     assert process_time() - before_s < 1.0
     assert len(line) < 5000 and line.startswith("there are: ") and line.endswith("; give one of them")
+
+
+def test_a_long_typed_value_is_cut_in_its_middle() -> None:
+    typed = "1x" * 3000 + "7"
+    _, (line,) = answer(SpecError(Problem("size_mm", "size_mm[1] = 7 mm is too much; give less")), {"size": ("--size", typed)})
+    assert line == "--size = '" + typed[:99] + "..." + typed[-99:] + "': 7 mm is too much; give less"
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -282,6 +283,9 @@ def test_a_tape_of_another_pitch_is_not_found() -> None:
     [
         ((99, 0.0), "known_theta = 99,0: frame 99 is not from 0 to 9"),
         ((0, 1000.0), "known_theta = 0,1000: 1000 deg is not from -360 to 360"),
+        ((0, nan), "known_theta = 0,nan: nan deg is not from -360 to 360 deg; give one of those"),
+        ((0, -inf), "known_theta = 0,-inf: -inf deg is not from -360 to 360 deg"),
+        ((0, 10**400), r"known_theta = \(0, 1000.*\.\.\. is no array of numbers; give the index of a frame and its angle: 0,90"),
         ((0, 65.0), "known_theta = 0,65: the frame is said to be at 65 deg and seen at 20.* is 45 deg from a quarter turn"),
     ],
 )
