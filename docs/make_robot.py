@@ -137,7 +137,7 @@ def main(parts: list[str]) -> None:
         measured = {**content.get("measured", {}), name: {**about(), **stamp()}}
         ordered = {"measured": measured, **{key: content[key] for key in MEASURES if key in content}}
         FIGURES.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
-        PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
+        PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), ordered), encoding="utf-8")
 
 
 if __name__ == "__main__":
