@@ -25,7 +25,9 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
     problems = []
     if spec.coverlay is not None and spec.coverlay not in fab.coverlay_modes:
         profile = ", or " + words if (words := _other_fab(spec, part, spec.coverlay)) else ""
-        message = f"coverlay = '{spec.coverlay}' is not what {fab.name} does; leave out --coverlay{profile}"
+        larger = _with_outline(spec.with_values(coverlay=None), fab, part)
+        left_out = f"use {larger} without --coverlay" if larger else "leave out --coverlay"
+        message = f"coverlay = '{spec.coverlay}' is not what {fab.name} does; {left_out}{profile}"
         problems.append(Problem("coverlay", message))
     for key, given, backing in (("stiffener", spec.stiffener, fab.stiffener), ("adhesive", spec.adhesive, fab.adhesive)):
         if given is not None and given not in backing.choices:
@@ -38,13 +40,18 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
         problems.append(Problem("bend_radius_mm", message))
     if spec.anchor == "mesh" and spec.rotation_deg % 90.0 != 45.0:
         message = f"anchor = 'mesh' contradicts rotation_deg = {spec.rotation_deg:g} deg: its webs lie along the parts"
-        turned, spurs = (
-            film_remedy(other, fab, part).options()
-            for other in (spec.with_values(rotation_deg=45.0, anchor="mesh"), spec.with_values(anchor="spur"))
-        )
-        ways = [f"--rotation 45 {turned}"] * (turned is not None) + [f"--anchor spur {spurs}"] * (spurs is not None)
-        problems.append(Problem("anchor", f"{message}; use {', or '.join(way.strip() for way in [*ways, '--anchor none'])}"))
+        ways = filter(None, (_anchor_remedy(anchor, part, spec, fab) for anchor in ("mesh", "spur")))
+        bare = f"--anchor none {_with_outline(spec.with_values(anchor='none'), fab, part)}".strip()
+        problems.append(Problem("anchor", f"{message}; use {', or '.join([*ways, bare])}"))
     return problems
+
+
+def _with_outline(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> str:
+    """Options for a tape whose outline has to be larger, "" if it holds a window: that problem is not told beside a refusal of
+    what the outline depends on.
+    """
+    options = film_remedy(spec, fab_for(spec, fab, part), part).options() or ""
+    return options if "--size" in options else ""
 
 
 def _other_fab(spec: TapeSpec, part: PartProfile, mode: str) -> str:

@@ -81,6 +81,30 @@ def test_a_mesh_needs_parts_along_the_diagonals() -> None:
     assert problems(wide, anchor="mesh", rotation_deg=30.0)["anchor"].endswith("the parts; use --anchor none")
 
 
+@pytest.mark.parametrize(
+    ("refused", "says", "typed"),
+    [
+        ({"coverlay": "per-part"}, "; use --size 15.5x10 without --coverlay, or --fab generic-fpc", {}),
+        ({"anchor": "mesh"}, ", or --anchor none --size 15.5x10", {"anchor": "none"}),
+    ],
+)
+def test_a_way_out_has_the_outline_that_it_needs(refused: dict[str, Any], says: str, typed: dict[str, Any]) -> None:
+    """What is wrong with the size depends on the refused option, and is not told beside it."""
+    values: dict[str, Any] = {"tag": "strip", "fab": "generic-fr4", "pitch_mm": 2.2, "rotation_deg": 30.0}
+    with pytest.raises(SpecError) as caught:
+        examine(spec_of(**values, size_mm=(12.0, 10.0), **refused))
+    (problem,) = caught.value.problems
+    assert says in problem.message
+    assert examine(spec_of(**values, size_mm=(15.5, 10.0), **typed)).tape.part_count
+    with pytest.raises(SpecError, match="too small"):
+        examine(spec_of(**values, size_mm=(12.0, 10.0), **typed))
+
+
+def test_no_anchor_is_told_where_openings_are_too_small_to_hold_one() -> None:
+    with pytest.raises(SpecError, match=r"the parts; use --anchor none$"):
+        examine(spec_of(fab="jlcpcb-fpc", part="r01005", anchor="mesh", rotation_deg=30.0, pitch_mm=2.2))
+
+
 # Coverlay and anchors
 
 
