@@ -64,7 +64,7 @@ def alternatives(message: str) -> Iterator[str]:
 
 def typed(command: str, way: str) -> str:
     """The command with the options of a remedy in place of its own."""
-    way, _, gone = way.partition(" without ")
+    way, _, gone = way.replace(" and --", ", --").partition(" without ")
     if gone:
         command = re.sub(rf"{gone} \S+", "", command)
     words, said = shlex.split(command), shlex.split(way[way.index("--") :].replace(", --", " --"))
@@ -133,6 +133,47 @@ def random_command(rng: random.Random) -> str:
     words += ["--part r01005"] * (rng.random() < 0.15)
     words += [rng.choice(("--no-3d", "", "--process sla", "--process fdm"))]
     return " ".join(words)
+
+
+REFUSED = (
+    "--sector 7 --fab jlcpcb-fpc --size 100x50 --coverlay lpi --w 1",
+    "--sector 7 --fab generic-fr4 --size 12x10 --w 2.2 --rotation 30 --coverlay per-part",
+    "--sector 7 --fab jlcpcb-fpc --size 60x20 --w 1 --rotation 30 --anchor mesh --part r01005",
+    "--sector 7 --fab jlcpcb-fpc --size 12x10 --w 2 --rotation 30 --anchor mesh",
+    "--sector 7 --fab pcbway-fr4 --stiffener FR4:0.2",
+)
+
+
+def refused_command(rng: random.Random) -> str:
+    """A film whose coverlay the fab may not do, or with a mesh beside parts that are not on a diagonal."""
+    words = [f"--sector {rng.randrange(200)} --fab {rng.choice(FABS)} --size {rng.choice(('100x50', '40x30', '12x10', '30x24'))}"]
+    words += [f"--w {rng.choice((1.2, 1.5, 2.0, 2.2))} --part {rng.choice(('r0201', 'r0201', 'c0201', 'r01005', 'r0402'))}"]
+    mesh = rng.random() < 0.5
+    words += ["--rotation 30 --anchor mesh" if mesh else f"--coverlay {rng.choice(('lpi', 'per-part'))}"]
+    return " ".join([*words, "--no-3d"])
+
+
+def told(refused: str) -> dict[str, str]:
+    """The lines of a refusal by the option or rule that they begin with."""
+    lines = [line.removeprefix("error: ") for line in refused.splitlines() if line.startswith("error: ")]
+    return {line.split(" ")[0].rstrip(":"): line for line in lines}
+
+
+def test_every_remedy_of_a_refused_option_is_taken() -> None:
+    """What else is refused or broken after it was said beside it."""
+    tried, failed, rng = 0, [], random.Random(25)
+    for command in (*REFUSED, *(refused_command(rng) for _ in range(some(40)))):
+        before = told(findings(command)[0])
+        for key, message in before.items():
+            for way in alternatives(message) if key in ("--coverlay", "--anchor", "--stiffener", "--size") else ():
+                again = typed(command, way)
+                refused, rows = findings(again)
+                after = told(refused) | {rule: str(rows[rule]["message"]) for rule in blocking(rows)}
+                failed += [f"{command}: {way}: {again}: {said}" for now, said in after.items() if now == key or now not in before]
+                tried += 1
+    print(f"{tried} remedies of refused options typed back")
+    assert not failed, "\n".join(failed)
+    assert tried >= some(40)
 
 
 def test_every_remedy_typed_back_works() -> None:
