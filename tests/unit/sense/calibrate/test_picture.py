@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals
+from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals, write_pictures
 from tactape_fab.sense.calibrate.result import HeldOut
 from tests.unit.sense.calibrate.by_hand import calibration
 
@@ -45,6 +46,8 @@ def test_dots_are_drawn_where_they_were_seen_in_a_colour_for_each_press(monkeypa
     assert tuple(picture[at_px(35.0, 25.0)]) == (240, 190, 90)  # of the first press alone
     assert tuple(picture[at_px(4.0, 5.0)]) == tuple(picture[at_px(10.0, 12.0)]) == (110, 220, 130)
     assert tuple(picture[at_px(20.0, 15.0)]) == BACK
+    # a frame of one px about the field
+    assert [tuple(picture[300, column]) for column in (15, 16, 17)] == [(0, 0, 0), (95, 95, 95), BACK]
     assert [tuple(picture[at_px(*at)]) for at in ((9.0, 20.0), (10.0, 20.0), (9.0, 19.0))] == [BLIND, BACK, BACK]
     assert (picture[:, :14] == 0).all() and (picture[-14:] == 0).all()
     # the upper left and the lower right have dots
@@ -100,3 +103,21 @@ def test_residuals_are_drawn_at_a_round_scale(
     for x in (24, 480):
         line = np.flatnonzero((picture[47, x : x + 58] > 50).all(axis=1))
         assert (line[0], line[-1]) == (pytest.approx(0, abs=2), pytest.approx(reach * ZOOM, abs=3))
+
+
+def test_arrows_are_to_the_scale_of_the_largest_mean(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two cells, of 6 and of 1 um, side by side."""
+    said = words(monkeypatch)
+    seen = np.array([[11.0, 6.0], [13.0, 6.0], [11.0, 9.0], [13.0, 9.0]])
+    presses = tuple(SimpleNamespace(frame=k, seen_px=seen + np.array([10.0 * k, 0.0]), weights=np.ones(4)) for k in range(2))
+    residuals = tuple(np.tile([um / 1000.0, 0.0], (4, 1)) for um in (6.0, 1.0))
+    draw_residuals(calibration(presses=presses, bundle=SimpleNamespace(rms_mm=0.0995, residual_mm=residuals)))
+    assert said[0] == "residuals: 99.5 um rms along an axis" and said[2] == "mean of a cell, this long: 10 um"
+
+
+def test_pictures_are_written_as_they_are_drawn(tmp_path: Path) -> None:
+    found = calibration()
+    assert write_pictures(tmp_path, found) == [tmp_path / "coverage.png", tmp_path / "residuals.png"]
+    for name, drawn in (("coverage", draw_coverage(found)), ("residuals", draw_residuals(found))):
+        written = cv2.imread(str(tmp_path / f"{name}.png"))
+        assert written is not None and np.array_equal(written, drawn)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import cos, exp, radians, sin
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from tactape_fab.sense import load_sensor
 from tactape_fab.sense.decode.grid import posterior
-from tactape_fab.sense.decode.grid.pose import LEAST_SIGMA_MM, LEAST_WEIGHT, Pose, fit_pose
+from tactape_fab.sense.decode.grid.pose import FEW_DOTS, LEAST_SIGMA_MM, LEAST_WEIGHT, Pose, _agreeing, fit_pose
 from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, RIM_MM, Beliefs, beliefs_of
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.sense.geometry import Gel, Geometry, camera
@@ -53,18 +54,49 @@ def contact(rng: np.random.Generator, middle: tuple[float, float] = (0.0, 0.0), 
 # Who agrees
 
 
-def agreeing(offset: FloatArray, texture: FloatArray, weights: FloatArray) -> BoolArray:
-    """Who agrees: five steps of a similarity by reweighted least squares, as complex numbers."""
+class Agreeing(NamedTuple):
+    """Who agrees, the weights for the pose's fit, and the robust fit: texture = t0 + factor (p - p0), a dot's error."""
+
+    agree: BoolArray
+    keep: FloatArray
+    factor: complex
+    p0: complex
+    t0: complex
+    sigma: float
+
+
+def agreeing(offset: FloatArray, texture: FloatArray, weights: FloatArray, *, fixed: bool = False) -> Agreeing:
+    """Five steps of a similarity by reweighted least squares, as complex numbers."""
     base = np.where(weights > LEAST_WEIGHT, np.minimum(weights, 1.0), 0.0)
+    if np.count_nonzero(base) < 4:
+        base = np.clip(weights, LEAST_WEIGHT, 1.0)
     p, t, keep = offset @ (1, 1j), texture @ (1, 1j), base.copy()
     for _ in range(5):
         p0, t0 = keep @ p / keep.sum(), keep @ t / keep.sum()
         factor = keep @ ((t - t0) * np.conj(p - p0)) / (keep @ np.abs(p - p0) ** 2)
+        factor = factor / abs(factor) / R if fixed else factor
         distance = np.abs(t - t0 - factor * (p - p0))
         sigma = max(float(np.median(distance[base > 0])) / 1.177, LEAST_SIGMA_MM)
         keep = base / (1 + (distance / (2.5 * sigma)) ** 2) ** 2
-    said: BoolArray = (base > 0) & (distance <= AGREE_SIGMAS * sigma * np.maximum(1.0, 0.6 / np.maximum(base, 1e-9)))
-    return said
+    wider = np.maximum(1.0, 0.6 / np.maximum(base, 1e-9))
+    agree: BoolArray = (base > 0) & (distance <= AGREE_SIGMAS * sigma * wider)
+    if (count := np.count_nonzero(agree)) >= 4:
+        keep = np.where(distance <= AGREE_SIGMAS * sigma * (1 + FEW_DOTS / count) * wider, base, 0.0)
+    return Agreeing(agree, keep, complex(factor), complex(p0), complex(t0), sigma)
+
+
+def agreeing_of_kernel(offset: FloatArray, texture: FloatArray, weights: FloatArray, *, fixed: bool = False) -> Agreeing:
+    n = len(weights)
+    fit, keep, agree = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_)
+    _agreeing(offset, texture, weights, R, fixed, LEAST_SIGMA_MM, fit, keep, agree, np.empty((3, n)))
+    c, s, u, v, x, y, sigma = fit.tolist()
+    return Agreeing(agree, keep, complex(c, -s), complex(u, v), complex(x, y), sigma)
+
+
+def assert_alike(found: Agreeing, expected: Agreeing) -> None:
+    assert (found.agree == expected.agree).all() and found.keep == pytest.approx(expected.keep, rel=1e-6)
+    for name in ("factor", "p0", "t0", "sigma"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-9), name
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -76,7 +108,35 @@ def test_who_agrees_is_said_by_a_robust_similarity(seed: int) -> None:
     weights = rng.uniform(0.05, 1.2, 30)
     expected = agreeing(offset, texture, weights)
     pose = fit_pose(offset, texture, weights, R, replace(STOCK, gel_mm=0.1 * (seed % 2), correlation_mm=4.0))
-    assert (pose.agree == expected).all() and 10 < expected.sum() < 30
+    assert (pose.agree == expected.agree).all() and 10 < expected.agree.sum() < 30
+    assert_alike(agreeing_of_kernel(offset, texture, weights), expected)
+    fixed = agreeing(offset, texture, weights, fixed=True)
+    assert_alike(agreeing_of_kernel(offset, texture, weights, fixed=True), fixed)
+    assert (fit_pose(offset, texture, weights, R, FIXED).agree == fixed.agree).all()
+
+
+@pytest.mark.parametrize("whole", [2, 3, 4, 5, 6])
+def test_of_few_whole_dots_the_faint_ones_count_as_well(whole: int) -> None:
+    """From four whole dots on those that are likelier noise are left out, be they right or not."""
+    rng = np.random.default_rng(whole)
+    offset, texture = pose_dots(0.4, (5.0, 7.0), rng, whole + 3)
+    offset += rng.normal(0, 0.1, offset.shape)
+    weights = np.where(np.arange(len(offset)) < whole, 1.0, (LEAST_WEIGHT - 0.05))
+    found = agreeing_of_kernel(offset, texture, weights)
+    assert_alike(found, agreeing(offset, texture, weights))
+    assert (found.keep[whole:] > 0.0).any() == (whole < 4)
+
+
+@pytest.mark.parametrize(("right", "robust"), [(3, True), (4, False)])
+def test_four_that_agree_keep_their_own_weights(right: int, robust: bool) -> None:
+    """Two others are off by metres, each to its side: three that agree keep the robust weights, which are smaller."""
+    rng = np.random.default_rng(1)
+    offset, texture = pose_dots(0.4, (5.0, 7.0), rng, right + 2)
+    texture += rng.normal(0, 0.02, texture.shape)
+    texture[right:] += [(3000.0, 0.0), (-3000.0, 0.0)]
+    found = agreeing_of_kernel(offset, texture, np.full(right + 2, 0.9), fixed=True)
+    assert found.agree.tolist() == [True] * right + [False] * 2
+    assert found.keep[:right].max() < 0.9 if robust else found.keep.tolist() == [0.9] * right + [0.0] * 2
 
 
 def test_dots_that_are_far_off_do_not_agree_and_do_not_matter() -> None:
@@ -260,6 +320,7 @@ def test_neighbours_that_push_each_other_add_no_error() -> None:
 
 def finite_or_open(pose: Pose) -> bool:
     """A pose with numbers and a proper covariance, or none at all."""
+    assert pose.finite == bool(np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all())
     if np.isfinite(pose.position_mm).all():
         return bool(np.isfinite(pose.covariance).all() and (np.linalg.eigvalsh(pose.covariance) > 0).all())
     return bool(np.isinf(pose.covariance).any() and np.isnan(pose.theta_rad))
@@ -298,6 +359,36 @@ def test_light_dots_and_many_dots_give_a_pose() -> None:
         assert finite_or_open(pose) and np.hypot(*(pose.position_mm - PLACE)) < 0.15
     faint = fit_pose(SPARSE * R, PLACE + SPARSE, np.full(len(SPARSE), 1e-3), R, STOCK)
     assert faint.position_mm == pytest.approx(PLACE, abs=0.01)
+
+
+def test_of_many_dots_on_a_gel_that_gives_those_of_most_weight_are_used() -> None:
+    """Lighter ones are off by 10 um: without a gel that gives they count, with one they are left out."""
+    rng = np.random.default_rng(6)
+    at, light = rng.uniform(-9.0, 9.0, (MOST_CORRELATED + 40, 2)), np.arange(MOST_CORRELATED + 40) % 3 == 1
+    light[np.flatnonzero(light)[40:]] = False
+    texture, weights = PLACE + at + (0.01, 0.0) * light[:, None], np.where(light, 0.9, 1.0)
+    given = replace(EXACT, gel_mm=0.05, correlation_mm=4.0)
+    stiff, gives = (fit_pose(at * R, texture, weights, R, beliefs, smoothed=False) for beliefs in (EXACT, given))
+    assert np.count_nonzero(light) == 40 and stiff.agree.all() and gives.agree.all()
+    assert gives.position_mm == pytest.approx(PLACE, abs=1e-9) and stiff.position_mm[0] - PLACE[0] > 0.001
+
+
+def test_a_shift_that_all_dots_share_is_in_the_covariance() -> None:
+    """By 0.1 mm along the image's u, times an unknown of variance 1."""
+    rng = np.random.default_rng(7)
+    offset, texture = SPARSE * R, PLACE + SPARSE @ turn_of(THETA).T + rng.normal(0, 0.01, SPARSE.shape)
+    ones, along = np.ones(len(SPARSE)), turn_of(THETA) @ (1.0, 0.0)
+    sure = fit_pose(offset, texture, ones, R, EXACT)
+    unsure = fit_pose(offset, texture, ones, R, EXACT, unsure_px=np.tile([0.1 * R, 0.0], (len(SPARSE), 1)))
+    assert (unsure.covariance - sure.covariance)[:2, :2] == pytest.approx(0.01 * np.outer(along, along), abs=1e-6)
+    assert unsure.position_mm == pytest.approx(sure.position_mm, abs=1e-6)
+
+
+def test_what_measured_places_are_unsure_by_is_each_dot_s_own() -> None:
+    """Exact dots about the centre: the variance of their mean is that of one over their number."""
+    n = len(SPARSE)
+    pose = fit_pose(SPARSE * R, PLACE + SPARSE @ turn_of(THETA).T, np.ones(n), R, EXACT, placed_mm=np.full(n, 0.05))
+    assert pose.covariance[:2, :2] == pytest.approx(0.05**2 / n * np.eye(2), rel=0.05, abs=1e-8)
 
 
 # Places that nothing draws

@@ -59,7 +59,28 @@ def test_eq1_takes_off_the_mean_of_the_neighbourhood_and_stretches_the_contrast(
     # a ridge 9 above the level, of which a mean of 3 x 3 leaves 3 on the ridge and on either side
     assert pattern[3:6, 4] == pytest.approx([-0.5, 1.0, -0.5], rel=1e-5)
     assert np.count_nonzero(np.abs(pattern) > 1e-5) == 27
-    assert high_pass(depth * 1e-6, 3) == pytest.approx(pattern, abs=1e-4)
+    for unit in (1e-25, 1e-6, 1e25):  # products of two of which are not within single precision
+        assert high_pass(depth * unit, 3) == pytest.approx(pattern, abs=1e-4)
+
+
+def test_eq1_unknown_pixels_have_the_mean_of_the_rest() -> None:
+    depth = np.full((9, 9), 5.0)
+    depth[4] = 14.0
+    depth[0, 0] = depth[8, 8] = (9 * 14.0 + 70 * 5.0) / 79
+    unknown = depth.copy()
+    unknown[0, 0], unknown[8, 8] = np.nan, np.inf
+    assert high_pass(unknown, 3) == pytest.approx(high_pass(depth, 3), abs=1e-6)
+
+
+def test_eq1_a_filter_of_one_pixel_leaves_nothing() -> None:
+    """The mean of a pixel alone is its own level."""
+    depth = np.random.default_rng(1).uniform(0.0, 1.0, (9, 9))
+    assert not high_pass(depth, 1).any() and high_pass(depth, 2).any()
+
+
+@pytest.mark.parametrize("shape", [(7,), (0, 5), (5, 0), (3, 4, 5), ()])
+def test_what_is_no_image_has_no_dots(shape: tuple[int, ...]) -> None:
+    assert detect_dots(np.zeros(shape), R, 0.18).shape == (0, 2)
 
 
 @pytest.mark.parametrize("value", [0.0, -3.5, 1e25, np.nan, np.inf])
@@ -113,6 +134,21 @@ def test_the_baseline_lays_the_grid_along_the_axes(slope_deg: float) -> None:
     assert slope is not None
     assert degrees(slope) == pytest.approx(slope_deg, abs=1e-9)
     assert turned(dots, slope) == pytest.approx(upright, abs=1e-9)
+
+
+@pytest.mark.parametrize(("beside", "fits"), [(3, True), (4, False)])
+def test_a_baseline_has_to_fit_seven_dots_of_ten(beside: int, fits: bool) -> None:
+    """Dots of a row are 5.5 px beside it, to either side, 1.5 px from delta where 1.2 is the tolerance."""
+    dots = np.column_stack([W * np.arange(10.0), np.zeros(10)])
+    dots[4 : 4 + beside, 1] = (5.5, -5.5, 5.5, -5.5)[:beside]
+    assert find_baseline(dots, 0, W, DELTA) == (0.0 if fits else None)
+
+
+def test_of_baselines_that_fit_the_one_of_least_rms_misfit_is_taken() -> None:
+    """Along the row the last two dots are 0.6 and 1.1 px off, rms 0.4; through the former eight are, by 0.5 at most, rms 0.3."""
+    dots = np.column_stack([W * np.arange(10.0), np.zeros(10)])
+    dots[8:, 1] = 0.6, 1.1
+    assert find_baseline(dots, 0, W, DELTA) == pytest.approx(0.6 / 192.0, rel=1e-4)
 
 
 def test_no_baseline_without_a_pair_and_in_scattered_dots() -> None:

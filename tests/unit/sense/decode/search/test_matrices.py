@@ -11,7 +11,15 @@ import pytest
 from tactape_fab.sense.decode.rule import LEAST_DOTS, place_weights
 from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.decode.search.groups import count_places, groups_of
-from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT, Matrices, _by_chance, matrices_of, weigh_matrices
+from tactape_fab.sense.decode.search.matrices import (
+    LARGEST_CONTACT,
+    Matrices,
+    _by_chance,
+    _choose,
+    _frame,
+    matrices_of,
+    weigh_matrices,
+)
 from tactape_fab.sense.decode.search.single_place import NO_PART
 from tactape_fab.sense.decode.search.tally import (
     BEST,
@@ -104,10 +112,13 @@ def every_place(tapes: list[SymbolArray], nodes: IntArray, q: FloatArray) -> Pla
     return Places(*(np.array(values) for values in zip(*found, strict=True)))
 
 
+def matrices_from(tapes: list[SymbolArray], directions: int) -> Matrices:
+    return matrices_of(tapes, sorted({(shown.shape[1], shown.shape[0]) for shown in tapes}), directions)
+
+
 def weighed(tapes: list[SymbolArray], nodes: IntArray, q: FloatArray, fits: float = -np.inf) -> tuple[Tally, FloatArray]:
     """The tally of all places, and ln of the weight of a place by turn and by whether dots hang over an edge."""
-    sizes = sorted({(shown.shape[1], shown.shape[0]) for shown in tapes})
-    matrices: Matrices = matrices_of(tapes, sizes, q.shape[1])
+    matrices = matrices_from(tapes, q.shape[1])
     tables = tables_of(nodes, q, np.empty(0, dtype=np.float32), LARGEST_CONTACT)
     groups = groups_of(tables, matrices.sizes, LEAST_DOTS)
     base = place_weights(count_places([groups], [matrices.classes]), TURNS, 1.0)
@@ -184,6 +195,47 @@ def test_one_dot_that_says_nothing_is_as_none() -> None:
     even = np.vstack([q, np.full(4, 0.25)])
     (tally, base), (other, base_of_more) = weighed(SMALL, nodes, q), weighed(SMALL, more, even)
     assert other.sums[BEST] - base_of_more[0, 0] == pytest.approx(tally.sums[BEST] - base[0, 0])
+
+
+def test_so_many_dots_are_counted_that_chance_leaves_fewest_places() -> None:
+    """A place remains with w wrong symbols while the w smallest losses are 30 at most: by chance so many are wrong, or fewer.
+
+    One dot: its loss of 20 is within 30, all places remain. Two: 12 is, 12 + 20 not, so one wrong symbol of two, 1 - (3/4)^2 =
+    0.44. Three: 10 + 12 is, two of three, 1 - (3/4)^3 = 0.58. Four: 5 + 10 + 12 is, three of four, 0.68.
+    """
+    lost, floor = np.array([20.0, 12.0, 10.0, 5.0]), np.full(5, np.nan)
+    assert _choose(lost, _by_chance(4), floor) == 2
+    assert floor[:3].tolist() == [0.0, 12.0, 32.0]
+    # dots that each lose more than a place may leave 4^-k: 4^-9 is the first below 1e-5
+    every, strong = np.full(31, np.nan), np.full(30, 31.0)
+    assert _choose(strong, _by_chance(4), every) == 9
+    assert every[:10] == pytest.approx(31.0 * np.arange(10))
+
+
+@pytest.mark.parametrize("directions", [4, 8])
+def test_dots_that_lose_most_come_first(directions: int) -> None:
+    """A wrong symbol costs a dot what its best symbol is ahead of its second: least if one bit alone is wrong."""
+    tapes = SMALL if directions == 4 else EIGHT
+    nodes, q = contact(tapes[0], (2, 1), 0, directions, 0.02)
+    frame = _frame(tables_of(nodes, q, np.empty(0, dtype=np.float32), LARGEST_CONTACT), matrices_from(tapes, directions))
+    codes, by_code = np.arange(directions), np.empty_like(q)
+    by_code[:, codes_around(directions)] = q
+    said = np.zeros_like(q)
+    for bit in range(directions.bit_length() - 1):
+        one = by_code[:, codes >> bit & 1 == 1].sum(axis=1, keepdims=True)
+        said += np.log(2.0 * np.where(codes >> bit & 1 == 1, one, 1.0 - one))
+    ranked = np.sort(said, axis=1)
+    lost = np.sort(ranked[:, -1] - ranked[:, -2])[::-1]
+    counted = len(frame.floor) - 1
+    assert counted > 0 and np.diff(frame.floor) == pytest.approx(lost[:counted][::-1])
+    best = frame.evidence.max(axis=2)
+    # most that the dots after so many can say: all of them, all but the first, none
+    assert frame.rest[:, 0] == pytest.approx(best.sum(axis=1)) and (frame.rest[:, -1] == 0.0).all()
+    assert frame.rest[:, :-1] - frame.rest[:, 1:] == pytest.approx(best)
+    # in all columns and rows; in the first column alone; in no column
+    first = frame.cells[:, :, 0] == 0
+    assert frame.most[:, -1, -1] == pytest.approx(best.sum(axis=1))
+    assert frame.most[:, 1, -1] == pytest.approx((best * first).sum(axis=1)) and (frame.most[:, 0] == 0.0).all()
 
 
 @pytest.mark.parametrize("symbols", [4, 8])
