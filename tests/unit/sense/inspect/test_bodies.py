@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,10 @@ import pytest
 from scipy.special import ndtr
 
 from tactape_fab.sense.inspect import bodies
+from tactape_fab.sense.inspect.align import Template
 from tactape_fab.sense.inspect.bodies import _State, fit_bodies
 from tactape_fab.sense.inspect.colours import Palette, _axis
+from tactape_fab.sense.inspect.patches import PatchGrid, patch_grid
 from tactape_fab.sense.inspect.warp import Warp, affine_warp
 from tactape_fab.texture.frames import FloatArray
 from tests.tapes import tape_at
@@ -32,6 +36,25 @@ def test_a_part_that_fits_a_little_better_across_is_not_turned(
     state = _State(shift_mm=np.zeros((1, 2)), turn_deg=np.zeros(1), sigma_mm=np.ones((1, 2)), misfit=np.array([2.9]))
     best = bodies._all_turns(None, np.zeros((1, 2)), state, state, np.array([0]), None, None, 1.0)  # type: ignore[arg-type]
     assert (abs(best.turn_deg[0]) > 80.0) == turned
+
+
+@pytest.mark.parametrize(
+    ("now_deg", "better_deg", "taken"),
+    [(0.5, 15.0, True), (-0.5, -15.0, True), (-0.5, 15.0, False), (0.5, -15.0, False), (85.0, -90.0, True), (70.0, -90.0, False)],
+)
+def test_in_its_own_turn_any_better_fit_serves(
+    now_deg: float, better_deg: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another turn is more than 15 degrees off, half turns apart: a misfit of 2.7 in place of 3 is not clearly better there."""
+
+    def moved(_scene: Any, _sites: Any, state: _State, _template: Any, _ends: Any, *, robust: bool) -> tuple[_State, None]:
+        assert robust
+        return replace(state, misfit=np.where(state.turn_deg == better_deg, 2.7, 9.0)), None
+
+    monkeypatch.setattr(bodies, "_moved", moved)
+    one = _State(shift_mm=np.zeros((1, 2)), turn_deg=np.array([now_deg]), sigma_mm=np.ones((1, 2)), misfit=np.array([3.0]))
+    best = bodies._all_turns(None, np.zeros((1, 2)), one, one, np.array([0]), None, None, 1.0)  # type: ignore[arg-type]
+    assert best.turn_deg[0] == (better_deg if taken else now_deg)
 
 
 TAPE = tape_at(7, (7, 6))
@@ -128,3 +151,151 @@ def test_where_metal_looks_like_film_bodies_are_less_sure_along_them() -> None:
     off = found.shift_mm - shift
     assert 0.003 < np.median(found.sigma_mm) < 0.006
     assert 0.5 < (off**2 / found.sigma_mm[:, None] ** 2).mean() < 1.5 and np.abs(np.median(off, axis=0)).max() < 1e-3
+
+
+# Its steps
+
+
+def test_a_blurred_step_is_half_way_up_at_its_edge() -> None:
+    """A tanh of the width 0.025 mm, from 0 to 1."""
+    said = bodies._rise(np.array([-1.0, -0.025, 0.0, 0.025, 1.0]))
+    assert said == pytest.approx([0.0, (1 - np.tanh(1)) / 2, 0.5, (1 + np.tanh(1)) / 2, 1.0])
+
+
+def test_ends_differ_where_their_metal_and_the_solder_beyond_is() -> None:
+    """Of a part of 0.6 x 0.3 mm: metal from 0.168 to 0.3 mm off its middle, its inner edge between 0.048 and 0.252 mm."""
+    grid = patch_grid(0.5, 0.25, 60.0)
+    slope = np.stack([grid.a_mm, 2.0 * grid.a_mm])
+    template = Template(value=slope, sigma=np.ones_like(slope), used=np.ones(grid.count, dtype=bool), tail=np.ones_like(slope))
+    modes = bodies._ends(template, grid, TAPE)
+    assert modes.shape == (10, 2, grid.count)
+    # at places along the axis, some of them an edge: (body-ness, brightness) of the second end's metal and solder
+    along = ((-0.4, 0.0, 0.0), (0.0, 0.0, 0.0), (0.168, 0.5, 0.0), (0.234, 1.0, 0.0), (0.3, 0.5, 0.5), (0.4, 0.0, 1.0))
+    for a_mm, metal, solder in along:
+        at = int(np.argmin(np.hypot(grid.a_mm - a_mm, grid.b_mm)))
+        # the grid's step is 17 um: as far as that moves a flank of 25 um
+        expected = [[0.0, metal], [0.0, solder], [solder, 0.0], [metal, 0.0]]
+        assert modes[6:, :, at] == pytest.approx(np.array(expected), abs=0.2 if metal == 0.5 else 0.02)
+    # the inner edge is where the template is steep, on the body's width
+    inner = (grid.a_mm > 0.048) & (grid.a_mm < 0.252) & (np.abs(grid.b_mm) < 0.17)
+    assert np.abs(modes[5]) == pytest.approx(np.stack([1.0 * inner, 2.0 * inner]))
+    # the first end is the second one's mirror image
+    mirrored = modes.reshape(10, 2, *grid.shape)[..., ::-1].reshape(modes.shape)
+    assert modes[:5] == pytest.approx(mirrored[5:], abs=1e-9)
+
+
+def test_samples_are_body_ness_and_brightness() -> None:
+    palette = Palette(body=BODY, metal=METAL, film=FILM, body_axis=_axis(BODY, METAL, FILM))
+    dark = replace(palette, metal=FILM)
+    colours = np.array([[BODY, FILM, METAL, np.full(3, 255.0)]], dtype=np.float32)
+    channels = bodies._channels(colours, palette)
+    assert channels.shape == (1, 2, 4) and channels[0, 0, :2] == pytest.approx([1.0, 0.0], abs=1e-4)
+    # in units of 0.7 of the metal's where film is darker than that, and of the film's; no more than 2.2
+    assert channels[0, 1] == pytest.approx(np.array([31.0, 200 / 3, 195.0, 255.0]) / (0.7 * 195.0), rel=1e-4)
+    assert bodies._channels(colours, dark)[0, 1] == pytest.approx([31.0 / (200 / 3), 1.0, 2.2, 2.2], rel=1e-4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spot:
+    """A box of body colour, mm: its middle from the nearest nominal place, and its sides."""
+
+    at: int
+    x: float = 0.0
+    y: float = 0.0
+    wide: float = 0.4
+    high: float = 0.3
+
+
+def scanned(sites: FloatArray, spots: Sequence[Spot]) -> tuple[Any, Warp]:
+    """Boxes of body colour on film, and the warp; axes of the board, 40 px/mm."""
+    width, height = sites.max(axis=0) + 2.0
+    rows, columns = np.mgrid[: round(height * PX_PER_MM), : round(width * PX_PER_MM)]
+    x, y = columns / PX_PER_MM, height - rows / PX_PER_MM
+    share = np.zeros((*x.shape, 1))
+    for spot in spots:
+        u, v = x - sites[spot.at, 0] - spot.x, y - sites[spot.at, 1] - spot.y
+        share = np.maximum(share, edge(spot.wide / 2 - np.abs(u)) * edge(spot.high / 2 - np.abs(v)))
+    warp = affine_warp([(PX_PER_MM, 0.0), (0.0, -PX_PER_MM)], (0.0, height * PX_PER_MM), (0.0, 0.0), 10.0)
+    return np.rint(share * BODY + (1 - share) * FILM).astype(np.uint8), warp
+
+
+PALETTE = Palette(body=BODY, metal=METAL, film=FILM, body_axis=_axis(BODY, METAL, FILM))
+
+
+@pytest.mark.parametrize(
+    ("length_mm", "pitch_mm", "reach_mm"), [(0.6, 1.5, 0.45), (0.4, 1.5, 0.3), (1.2, 2.0, 0.675), (1.2, 1.5, 0.45)]
+)
+def test_body_colour_near_each_place_tells_where_parts_are(length_mm: float, pitch_mm: float, reach_mm: float) -> None:
+    """Within 0.75 of the length, and 0.45 of what lies between neighbours that are displaced towards each other by 0.25 mm."""
+    tape: Any = SimpleNamespace(part=SimpleNamespace(body_mm=(length_mm, 0.3, 0.23)), pitch_mm=pitch_mm, displacement_mm=0.25)
+    sites = pitch_mm * np.stack(np.meshgrid(np.arange(1.0, 5.0), np.arange(1.0, 4.0)), axis=-1).reshape(-1, 2)
+    usual = list(range(4, 12))
+    moved = [Spot(at=k, x=0.03, y=-0.02, wide=0.3) for k in usual]
+    beyond = (
+        Spot(at=0, x=reach_mm + 0.09, wide=0.14, high=0.14),
+        Spot(at=1, x=0.86 * reach_mm, y=0.86 * reach_mm, wide=0.08, high=0.08),
+    )
+    within = Spot(at=2, x=reach_mm - 0.09, wide=0.14, high=0.14)
+    picture, warp = scanned(sites, [*moved, *beyond, within, Spot(at=3, wide=0.15)])
+    shift, area = bodies._centroids(picture, warp, tape, PALETTE, sites)
+    assert shift[usual] == pytest.approx(np.tile([0.03, -0.02], (8, 1)), abs=0.003)
+    assert area[usual] == pytest.approx(1.0, abs=0.02)
+    # nothing, nothing, a speck that has more than a tenth of a body's area, whose blurred corners do not count, and half a body
+    assert (area[:2] == 0.0).all() and 0.1 < area[2] < 0.14**2 / 0.3**2 and area[3] == pytest.approx(0.5, abs=0.05)
+    assert shift[:4] == pytest.approx(np.array([[0.0, 0.0], [0.0, 0.0], [reach_mm - 0.09, 0.0], [0.0, 0.0]]), abs=0.006)
+
+
+def test_a_place_with_little_body_colour_keeps_its_place() -> None:
+    """Less than a tenth of the usual area, which many such places do not lower; where no place has any, none is moved either."""
+    tape: Any = SimpleNamespace(part=SimpleNamespace(body_mm=(0.6, 0.3, 0.23)), pitch_mm=1.5, displacement_mm=0.25)
+    sites = 1.5 * np.stack(np.meshgrid(np.arange(1.0, 5.0), np.arange(1.0, 4.0)), axis=-1).reshape(-1, 2)
+    specks = [Spot(at=k, x=0.3, wide=0.07, high=0.07) for k in range(7)]
+    picture, warp = scanned(sites, [*(Spot(at=k) for k in range(7, 12)), *specks])
+    shift, area = bodies._centroids(picture, warp, tape, PALETTE, sites)
+    assert (area[:7] > 0.0).all() and (area[:7] < 0.1).all() and (shift[:7] == 0.0).all()
+    assert area[7:] == pytest.approx(1.0, abs=0.02)
+    picture, warp = scanned(sites, [])
+    shift, area = bodies._centroids(picture, warp, tape, PALETTE, sites)
+    assert (shift == 0.0).all() and (area == 0.0).all()
+
+
+def centre_of(value: FloatArray, grid: PatchGrid, spots: Sequence[Spot], palette: Palette = PALETTE) -> tuple[float, float]:
+    """The centre of a body of 0.6 x 0.3 mm in a template, of parts along the board's x axis at four places."""
+    tape: Any = SimpleNamespace(part=SimpleNamespace(body_mm=(0.6, 0.3, 0.23), rotation_deg=30.0))
+    sites = np.array([[1.0, 1.0], [3.0, 1.0], [1.0, 3.0], [3.0, 3.0]])
+    each = [replace(spot, at=k) for spot in spots for k in range(4)]
+    picture, warp = scanned(sites, each)
+    scene = bodies._Scene(picture=picture, warp=warp, tape=tape, palette=palette, grid=grid)
+    still = _State(shift_mm=np.zeros((4, 2)), turn_deg=np.full(4, -30.0), sigma_mm=np.ones((4, 2)), misfit=np.ones(4))
+    one = np.ones((2, grid.count))
+    template = Template(value=np.stack([value, one[0]]), sigma=one, used=np.ones(grid.count, dtype=bool), tail=one)
+    a, b = bodies._centre(scene, sites, still, np.ones(4, dtype=bool), template)
+    return float(a), float(b)
+
+
+def template_of(grid: PatchGrid, a_mm: float, b_mm: float) -> FloatArray:
+    """Body-ness of a body of 0.6 x 0.3 mm about a centre."""
+    along, across = bodies._rise(0.3 - np.abs(grid.a_mm - a_mm)), bodies._rise(0.15 - np.abs(grid.b_mm - b_mm))
+    return np.asarray(along * across)
+
+
+def test_the_centre_of_a_template_is_that_of_its_body() -> None:
+    """Bodies are the film's colour but darker, which tells nothing across; edges 80 um off the body, about another centre, do not
+    count.
+    """
+    grid, grey = patch_grid(0.5, 0.35, 60.0), replace(PALETTE, body=0.3 * FILM)
+    value = template_of(grid, 0.013, -0.008)
+    assert centre_of(value, grid, (), grey) == pytest.approx((0.013, -0.008), abs=0.001)
+    for beside in (np.abs(grid.a_mm - 0.02) > 0.4, np.abs(grid.b_mm - 0.02) > 0.25):
+        assert centre_of(value + 3.0 * beside, grid, (), grey) == pytest.approx((0.013, -0.008), abs=0.002)
+
+
+def test_across_the_middle_of_bodies_of_their_own_colour_is_their_centre() -> None:
+    """Where metal would be, farther than 0.15 of the length along, bodies lie 8 um beside."""
+    grid = patch_grid(0.5, 0.35, 60.0)
+    value = template_of(grid, 0.01, 0.012)
+    ends = [Spot(at=0, x=x, wide=0.16) for x in (-0.2, 0.2)]
+    assert centre_of(value, grid, [Spot(at=0, y=0.008, wide=0.24), *ends]) == pytest.approx((0.01, 0.008), abs=0.0015)
+    # up to 6 um are a shadow's; what is farther off has another cause
+    for other in (0.02, -0.012):
+        assert centre_of(value, grid, [Spot(at=0, y=other, wide=0.24), *ends]) == pytest.approx((0.01, 0.012), abs=0.0015)
