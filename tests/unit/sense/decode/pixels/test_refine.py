@@ -13,7 +13,27 @@ import pytest
 from tactape_fab import Localization, Localizer, Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense import Frame, Scene, SensorProfile, iterate_frames, load_sensor
+from tactape_fab.sense.decode.dots.rim import ONE_SIDED
+from tactape_fab.sense.decode.grid.pose import Pose
+from tactape_fab.sense.decode.grid.posterior import Beliefs, beliefs_of
 from tactape_fab.sense.decode.pixels.patches import BLURS_MM, fitted, pixel_fit, settled_patches
+from tactape_fab.sense.decode.pixels.refine import (
+    AT_RIM,
+    AT_RIM_STEP,
+    HEIGHT_ERROR,
+    LEAST_INNER,
+    LEVEL_ERROR,
+    PULL_MM,
+    PULL_SCATTER,
+    PULL_WEIGHT,
+    RIM_MM,
+    USUAL_MM,
+    _doubt,
+    _rim_law,
+    _squared_distance,
+    at_rim,
+    mm_of_px,
+)
 from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import USUAL_BLUR_MM, Gel, Geometry
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
@@ -271,3 +291,150 @@ def test_the_answer_says_what_it_rests_on() -> None:
 def test_other_values_are_refused(options: dict[str, Any]) -> None:
     with pytest.raises(SpecError, match=r"refine = .*pixels"):
         Localizer(TAPE, **options)
+
+
+# Its steps
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_squared_distance_is_that_of_the_inverse_covariance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    root, move = rng.normal(size=(3, 3)), rng.normal(size=3)
+    covariance, (x, y, z) = root @ root.T + np.eye(3), move.tolist()
+    assert _squared_distance((x, y, z), covariance.tolist()) == pytest.approx(move @ np.linalg.solve(covariance, move))
+
+
+def pose_at(x_mm: float = 5.0, theta_rad: float = 0.3, *, agree: int = 40, sigma_mm: float = 0.01, known: bool = True) -> Pose:
+    """A pose whose position and angle are known to 4 um and 1.2 mrad, or not at all."""
+    covariance = np.diag([0.004**2, 0.004**2, 0.0012**2]) if known else np.full((3, 3), np.inf)
+    return Pose(
+        position_mm=np.array([x_mm, 7.0]),
+        theta_rad=theta_rad,
+        px_per_mm=16.0,
+        covariance=covariance,
+        agree=np.arange(50) < agree,
+        sigma_mm=sigma_mm,
+        camera=np.zeros((2, 3)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("refined", "why"),
+    [
+        (pose_at(), None),
+        (pose_at(agree=6), None),
+        (pose_at(agree=5), "the refined dots give no pose"),
+        (pose_at(known=False), "the refined dots give no pose"),
+        # of 40 that agree 1.1 times the dots' scatter, and a tenth more
+        (pose_at(sigma_mm=0.01209), None),
+        (pose_at(sigma_mm=0.01211), "refined dots scatter by 12.1 um, the dots by 10.0 um"),
+        # of 8 half as much again
+        (pose_at(agree=8, sigma_mm=0.01649), None),
+        (pose_at(agree=8, sigma_mm=0.01651), "refined dots scatter by 16.5 um, the dots by 10.0 um"),
+        # 4 um and the floor's 3 are 5, 1.2 mrad and 0.5 are 1.3: five times as much is chance in 2e-5
+        (pose_at(5.0249), None),
+        (pose_at(5.0251), "the pixels move the pose by 25.1 um, more than the dots' errors allow"),
+        (pose_at(4.9749), "the pixels move the pose by 25.1 um, more than the dots' errors allow"),
+        (pose_at(theta_rad=0.3 + 0.0064), None),
+        (pose_at(theta_rad=0.3 + 0.0066), "the pixels move the pose by 0.0 um, more than the dots' errors allow"),
+        (pose_at(theta_rad=0.3 + 2 * np.pi + 0.0064), None),
+    ],
+)
+def test_a_refined_pose_is_doubted_where_the_dots_say_otherwise(refined: Pose, why: str | None) -> None:
+    assert _doubt(pose_at(), refined) == why
+
+
+@pytest.mark.parametrize(("px_per_mm", "k1"), [(16.0, 0.0), (32.0, 0.0), (16.0, 0.05)])
+def test_pixels_are_so_long_on_the_gel(px_per_mm: float, k1: float) -> None:
+    """About the middle of the dots, where a lens makes them shorter or longer."""
+    size = (round(20 * px_per_mm), round(15 * px_per_mm))
+    geometry = Geometry(aspect=0.04, shear=0.02, k1=k1)
+    fit = pixel_fit(replace(SENSOR, px_per_mm=(px_per_mm, px_per_mm), width_px=size[0], height_px=size[1], geometry=geometry))
+    at, steps = np.array([[40.0, 30.0], [70.0, 50.0], [55.0, 40.0]]), np.eye(2) * 1e-3
+    assert fit.factor == px_per_mm / 16.0
+    expected = [(fit.from_px(at[2:] + d) - fit.from_px(at[2:] - d))[0] / 2e-3 for d in steps]
+    assert mm_of_px(fit, at) == pytest.approx(np.stack(expected, axis=1), rel=1e-3, abs=1e-6)
+
+
+def at_rim_by_hand(texture: FloatArray, neighbours: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The mean unit vector to neighbours within 2.5 mm, and what is missing of the median height inside, less 0.02."""
+    inwards, share = np.zeros_like(texture), np.zeros(len(height))
+    for i, at in enumerate(texture):
+        to = neighbours - at
+        length = np.hypot(*to.T)
+        near = (length > 0.0) & (length < RIM_MM)
+        mean = (to[near] / length[near, None]).sum(axis=0) / max(int(near.sum()), 1)
+        share[i] = np.hypot(*mean)
+        inwards[i] = mean / max(share[i], 1e-9)
+    outer = share > ONE_SIDED
+    inside, ranked = np.sort(height[~outer]), np.sort(height)
+    # with fewer than four inside, the median of the higher half of all
+    level = inside[len(inside) // 2] if len(inside) >= 4 else ranked[len(ranked) // 2 + (len(ranked) - len(ranked) // 2) // 2]
+    low = np.clip(0.98 - height / level, 0.0, 1.0)
+    return np.where(outer[:, None], inwards, 0.0), np.where(outer, low, 0.0)
+
+
+@pytest.mark.parametrize(("columns", "rows", "inner"), [(6, 5, 12), (3, 2, 0), (4, 3, 2)])
+def test_dots_with_all_neighbours_to_one_side_are_at_the_rim(columns: int, rows: int, inner: int) -> None:
+    rng = np.random.default_rng(columns)
+    k, row = np.meshgrid(np.arange(columns), np.arange(rows))
+    dots: FloatArray = np.stack([1.5 * k.ravel(), 1.5 * row.ravel()], axis=1)
+    height = rng.uniform(0.5, 1.3, len(dots))
+    inwards, low = at_rim(dots, dots, height)
+    expected = at_rim_by_hand(dots, dots, height)
+    assert inwards == pytest.approx(expected[0], abs=1e-12) and low == pytest.approx(expected[1])
+    assert np.count_nonzero((inwards == 0.0).all(axis=1)) == inner and (low > 0.0).any() and (low == 0.0).any()
+    # the corner dot's are to the right, below, and between both
+    assert inwards[0] == pytest.approx([0.5**0.5] * 2)
+    # neighbours that are no dots of these count as well
+    few = [0, 1, 2, columns]
+    assert np.array_equal(at_rim(dots[few], dots, height[few])[0], inwards[few])
+
+
+def rim_law(
+    error: FloatArray, gel: FloatArray, inwards: FloatArray, low: FloatArray, own: FloatArray, view: Beliefs
+) -> tuple[FloatArray, FloatArray]:
+    """The law of `_rim_law` by dense matrices: how far each dot is drawn, and its weight."""
+    missing = np.where(low > 0.0, low + LEVEL_ERROR, 0.0)
+    noise, law = HEIGHT_ERROR * np.sqrt(own), missing / (1 + 2 * missing)
+    likely = 1 / (1 + np.exp((AT_RIM - missing / noise) / AT_RIM_STEP))
+    drawn, unsure = likely * law, likely * (noise**2 + (PULL_SCATTER * law) ** 2 + (1 - likely) * law**2)
+    weight = np.tile(1 / (own + PULL_MM**2 * (drawn**2 + unsure) + USUAL_MM**2), 2)
+    # x, y and the turn, then scale, aspect, shear and k1 in their standard deviations: p = (1 + k1 r^2 / r_corner^2) A q
+    (x, y), one, none = gel.T, np.ones(len(own)), np.zeros(len(own))
+    dx, dy = x - view.centre_mm[0], y - view.centre_mm[1]
+    square = (dx / view.corner_mm[0]) ** 2 + (dy / view.corner_mm[1]) ** 2
+    s = view.sigmas
+    u = [one, none, -y, s[0] * x, s[1] * x / 2, s[2] * y, s[3] * square * dx]
+    v = [none, one, x, s[0] * y, -s[1] * y / 2, none, s[3] * square * dy]
+    rates = np.concatenate([np.stack(u, axis=1), np.stack(v, axis=1)])
+    prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    solved = np.linalg.solve(rates.T @ (weight[:, None] * rates) + prior, rates.T @ (weight * error.T.ravel()))
+    left = error - (rates @ solved).reshape(2, -1).T
+    pull = (PULL_WEIGHT * PULL_MM + drawn @ (left * inwards).sum(axis=1)) / (PULL_WEIGHT + drawn @ drawn)
+    pull = min(max(pull, 0.0), 2 * PULL_MM)
+    by_rim, variance = pull * drawn[:, None] * inwards, own + pull**2 * unsure
+    whole = pull**2 * unsure <= own
+    if np.count_nonzero(whole) >= LEAST_INNER:
+        squares, owns, middle = np.sort(((left - by_rim)[whole] ** 2).sum(axis=1)), np.sort(own[whole]), int(whole.sum()) // 2
+        variance = variance + max(squares[middle] / (2 * np.log(2)) - owns[middle], 0.0)
+    return by_rim, variance.min() / variance
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_rim_s_law_is_that_of_dense_matrices(seed: int) -> None:
+    """Dots that the rim draws by nothing, by some, and by more than it may; of few whole ones no scatter is told."""
+    rng = np.random.default_rng(seed)
+    n = 5 if seed == 5 else 24
+    gel, own = rng.uniform(-5.0, 5.0, (n, 2)), rng.uniform(0.001, 0.004, n) ** 2
+    low = np.where(rng.random(n) < (0.9 if seed == 5 else 0.4), rng.uniform(0.0, 0.4, n), 0.0)
+    inwards = -gel / np.hypot(*gel.T)[:, None]
+    error = (0.0, 0.2, 0.4, 0.8, -0.4, 0.2)[seed] * low[:, None] * inwards + rng.normal(0.0, 0.01, (n, 2))
+    view = replace(beliefs_of(SENSOR, fixed_scale=False), centre_mm=np.array([0.4, -0.3]))
+    given, weights = (error.copy(), low.copy()), np.empty(n)
+    _rim_law(
+        given[0], gel, inwards, given[1], own, view.sigmas, view.centre_mm, view.corner_mm, np.empty((7, 2, n)), np.zeros((7, 8)),
+        weights,
+    )  # fmt: skip
+    by_rim, expected = rim_law(error, gel, inwards, low, own, view)
+    assert given[0] == pytest.approx(by_rim, abs=1e-9) and weights == pytest.approx(expected, rel=1e-6)

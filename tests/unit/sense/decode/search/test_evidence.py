@@ -13,6 +13,7 @@ from tactape_fab.sense.decode.search.evidence import (
     add_lines,
     add_lines_at,
     columns_by_symbol,
+    fill_range,
     signs_of,
     tables_of,
 )
@@ -35,6 +36,11 @@ def at_one_phase(out: Any, most: Any, said: Any, span: Any, phases: Any, start: 
 @kernel(fastmath=True)
 def some_phases(out: Any, said: Any, span: Any, phases: Any, start: int, phase: int) -> float:
     return float(add_lines(out, said, span, phases, start, phase))
+
+
+@kernel(fastmath=True)
+def ranged(out: Any, lines: Any, low: int, high: int, count: int) -> None:
+    fill_range(out, lines, (low, high), count)
 
 
 @pytest.fixture(params=[16, 63])
@@ -77,6 +83,23 @@ def test_lines_are_added_at_one_phase_and_at_some_that_pass_the_last(scene: tupl
     assert few == pytest.approx(wanted[0, (phase + np.arange(5)) % length], abs=1e-4)
 
 
+def test_the_largest_of_all_phases_is_found_wherever_it_is(scene: tuple[Any, Any, Any]) -> None:
+    """From each phase on in turn, so that the largest comes at each place."""
+    said, phases, length = scene
+    wanted, out = plain(said, phases, length, (0, LINES), 3), np.empty(length, dtype=np.float32)
+    for phase in range(length):
+        assert some_phases(out, said, (0, LINES), phases, 3, phase) == pytest.approx(wanted.max(), abs=1e-4)
+        assert out == pytest.approx(np.roll(wanted, -phase), abs=1e-4)
+
+
+def test_a_range_of_dots_is_the_difference_of_those_below() -> None:
+    """Of three lines the first two; the last row is the caller's."""
+    lines = np.random.default_rng(3).normal(size=(4, 3, 10)).astype(np.float32)
+    out = np.full((4, 10), 99.0, dtype=np.float32)
+    ranged(out, lines, np.int64(1), np.int64(3), np.int64(2))
+    assert out[:2] == pytest.approx(lines[3, :2] - lines[1, :2]) and (out[2:] == 99.0).all()
+
+
 def test_columns_of_a_turned_grid_are_the_texture_s_symbols() -> None:
     """The grid has its symbols clockwise from its first axis, a tape in the order N, W, E, S."""
     clockwise = "ESWN"
@@ -102,6 +125,7 @@ def test_tables_hold_what_dots_say_of_each_bit(directions: int) -> None:
     """Bit by bit: ln of twice the probability, for a 1 and for a 0."""
     nodes, q = dots_of(directions)
     found = tables_of(nodes, q, np.empty(0, dtype=np.float32), 24)
+    assert found.evidence.shape == (4, len(q), 3 if directions == 4 else 4)
     around = np.array([2, 3, 1, 0]) if directions == 4 else DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise].astype(int)
     k, j = nodes.T
     for turn, at in enumerate(((k, j), (j, -k), (-k, -j), (-j, k))):
