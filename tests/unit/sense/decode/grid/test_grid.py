@@ -185,6 +185,17 @@ def test_undisplaced_dots_are_all_the_power_of_a_grid() -> None:
     assert find_lattices(noise - noise.mean(axis=0), np.ones(42), PITCH, 0.0, 1)[0][4] < 0.4
 
 
+@pytest.mark.parametrize("origin", [(3.3, -1.7), (-7.0, 9.5), (0.5, 12.0)])
+@pytest.mark.parametrize("angle_deg", [3.0, 20.7, 41.3, 70.0])
+def test_an_exact_grid_is_found_exactly_wherever_its_origin_is(angle_deg: float, origin: tuple[float, float]) -> None:
+    """The steps end at 0.16 of 2.5 degrees and of 0.07 of the pitch, and the parabola's top is far nearer."""
+    angle, pitch, *_, share = find_lattices(
+        grid_dots(radians(angle_deg), 1.03 * PITCH, None, origin), np.ones(42), PITCH, 0.07, 1
+    )[0]
+    assert np.degrees(angle) == pytest.approx(angle_deg, abs=1e-3) and pitch == pytest.approx(1.03 * PITCH, rel=3e-4)
+    assert share == pytest.approx(1.0, abs=1e-5)
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_the_grid_that_is_found_has_the_phases_and_the_power_of_plain_sums(seed: int) -> None:
     rng = np.random.default_rng(seed)

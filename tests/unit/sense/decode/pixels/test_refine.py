@@ -164,6 +164,15 @@ def test_poses_are_exact_without_noise() -> None:
     assert rms_um(fixes, seen) < 0.6
 
 
+@pytest.mark.parametrize("rotation_deg", [0.0, 30.0, 90.0])
+def test_a_pose_is_exact_whichever_way_the_parts_lie(rotation_deg: float) -> None:
+    tape = replace(TAPE, part=replace(TAPE.part, rotation_deg=rotation_deg))
+    frame = next(frames(1, slope=0.0, tape=tape))
+    fix, plain = (Localizer(tape, SENSOR, refine=how).locate(frame.depth) for how in ("pixels", "dots"))
+    assert fix.refined == "pixels" and fix.position_mm != plain.position_mm
+    assert np.abs(pose_error(fix, frame)[:2]).max() < 0.001 and fix.px_per_mm == pytest.approx(16.0, rel=1e-3)
+
+
 @pytest.mark.parametrize("px_per_mm", [(16.0, 14.0), (32.0, 32.0)])
 def test_oblong_and_fine_pixels(px_per_mm: tuple[float, float]) -> None:
     size = (round(20 * px_per_mm[0]), round(15 * px_per_mm[1]))
