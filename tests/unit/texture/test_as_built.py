@@ -259,6 +259,13 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
 def test_no_file_is_a_spec_error(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="cannot be read"):
         AsBuilt.load(tmp_path)
+    with pytest.raises(SpecError, match="cannot be read: No such file or directory; give"):
+        AsBuilt.load(tmp_path / "none.json")
+    # what is no JSON has no reason of the system
+    file = tmp_path / "as-built.json"
+    file.write_text("[1, ")
+    with pytest.raises(SpecError, match=r"cannot be read: (?!None).*; give"):
+        AsBuilt.load(file)
 
 
 def test_arrays_of_a_program_are_checked() -> None:

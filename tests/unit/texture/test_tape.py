@@ -329,6 +329,13 @@ def test_a_dome_is_round_and_lower_than_its_radius_or_has_a_flat_top() -> None:
             assert refused_keys(mapping) == ["part.body_mm"]
 
 
+@pytest.mark.parametrize("size_mm", [[60.0, 40.0], [40.0, 60.0]])
+def test_a_corner_is_at_most_half_the_shorter_side(size_mm: list[float]) -> None:
+    board = {**MAPPING["board"], "size_mm": size_mm}
+    assert refused_keys({**MAPPING, "board": {**board, "corner_radius_mm": 20.1}}) == ["board.corner_radius_mm"]
+    assert Tape.from_mapping({**MAPPING, "board": {**board, "corner_radius_mm": 20.0}}).board.corner_radius_mm == 20.0
+
+
 def test_a_grid_has_at_least_a_window_and_not_too_many_points() -> None:
     smallest = tape_at(7, (4, 4)).to_mapping()
     assert Tape.from_mapping(smallest).to_mapping() == smallest
@@ -350,6 +357,7 @@ def test_bodies_that_are_long_leave_half_a_turn_open_and_others_four() -> None:
         ("block", (0.5, 0.4, 0.2), (0, 180)),
         ("block", (0.4, 0.5, 0.2), (0, 180)),
         ("block", (0.499, 0.4, 0.2), (0, 90, 180, 270)),
+        ("block", (0.4, 0.4, 0.6), (0, 90, 180, 270)),
         ("dome", (0.5, 0.4, 0.2), (0, 90, 180, 270)),
     ):
         assert replace(part, shape=shape, body_mm=body_mm).open_turns_deg == turns_deg
@@ -358,6 +366,7 @@ def test_bodies_that_are_long_leave_half_a_turn_open_and_others_four() -> None:
 def test_of_long_bodies_the_direction_is_felt_and_of_others_not() -> None:
     assert replace(TAPE.part, rotation_deg=-135.0).relief == TAPE.part.relief != replace(TAPE.part, rotation_deg=135.0).relief
     dome = replace(TAPE.part, shape="dome", body_mm=(0.5, 0.5, 0.2))
+    assert dome.relief == ("dome", (0.5, 0.5, 0.2), 0.0)
     assert replace(dome, rotation_deg=0.0).relief == dome.relief != replace(dome, body_mm=(0.6, 0.6, 0.2)).relief
 
 
