@@ -315,6 +315,15 @@ def test_a_film_whose_tilt_is_too_slight_to_be_taken_off_is_less_sure_along_it(p
     assert found.position_mm == pytest.approx(PLACE_MM) and places == pytest.approx(GRID_MM * R) and not drawn
 
 
+def test_half_of_a_slight_tilt_that_is_half_taken_off_is_left_in_the_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
+    Fits(monkeypatch)
+    found, _, _ = asked(lie_of(HALF_WAY))
+    monkeypatch.setattr(tilted, "SLIGHT_MM", 0.0)
+    without, _, _ = asked(lie_of(HALF_WAY))
+    moved = 0.5 * 0.561 * HALF_WAY[0] * np.array([cos(THETA), -sin(THETA), 0.0])
+    assert found.covariance - without.covariance == pytest.approx(np.outer(moved, moved), rel=0.01, abs=1e-12)
+
+
 @pytest.mark.parametrize(("slope", "share"), [(HALF_WAY, 0.5), (np.array([0.0, WHOLLY]), 1.0), (STEEP, 1.0)])
 def test_a_correction_at_the_rim_is_taken_back_as_far_as_the_contact_is_tilted(
     slope: FloatArray, share: float, monkeypatch: pytest.MonkeyPatch
