@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import AsBuilt, Film, SpecError
-from tactape_fab.texture.as_built import as_built_of, manifest_digest
+from tactape_fab.texture.as_built import as_built_of, manifest_digest, refuse_other_kit
 
 
 def places(count: int = 5, **other: Any) -> AsBuilt:
@@ -57,6 +57,14 @@ def test_single_precision_is_written_with_as_few_digits() -> None:
     content = places(dx_mm=measured).to_mapping()
     assert all(value == round(value, 6) for value in content["parts"]["dx_mm"])
     assert AsBuilt.from_mapping(content).to_mapping() == content
+
+
+def test_lengths_are_written_to_a_nanometre_and_angles_to_a_thousandth() -> None:
+    exact: dict[str, Any] = dict.fromkeys(("dx_mm", "dy_mm", "sigma_mm"), np.full(5, 0.0123456789)) | {
+        "rotation_deg": np.full(5, 1.23456)
+    }
+    parts = places(**exact).to_mapping()["parts"]
+    assert {key: set(parts[key]) for key in exact} == {key: {0.012346} for key in exact} | {"rotation_deg": {1.235}}
 
 
 def test_same_places_give_same_bytes_and_nothing_else_is_left(tmp_path: Path) -> None:
@@ -272,6 +280,23 @@ def test_arrays_of_a_program_are_checked() -> None:
     with pytest.raises(SpecError) as raised:
         places(number=np.array([1, 1, 2, 3, 4]), dx_mm=np.zeros(3), sigma_mm=np.full(5, np.nan))
     assert len(raised.value.problems) == 3
+
+
+@pytest.mark.parametrize("value", [[1.0] * 5, np.array(1.0), np.full(5, "1")])
+def test_what_is_no_array_of_its_kind_is_named(value: Any) -> None:
+    with pytest.raises(SpecError, match=r"^sigma_mm = .* is no array of its kind"):
+        places(sigma_mm=value)
+
+
+def test_places_are_not_written_where_another_kit_s_belong(tmp_path: Path) -> None:
+    """Under that name beside its manifest alone."""
+    manifest, file = tmp_path / "manifest.json", tmp_path / "as-built.json"
+    refuse_other_kit(file, "0" * 64, "out")
+    manifest.write_text(json.dumps({"name": "t"}))
+    refuse_other_kit(file, manifest_digest(manifest), "out")
+    refuse_other_kit(tmp_path / "places.json", "0" * 64, "out")
+    with pytest.raises(SpecError, match=r"^out = .* another kit belong.*nothing was touched"):
+        refuse_other_kit(file, "0" * 64, "out")
 
 
 def test_places_belong_to_one_kit(tmp_path: Path) -> None:

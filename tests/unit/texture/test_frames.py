@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from tactape_fab.base.errors import SpecError
 from tactape_fab.texture.frames import (
     DIRECTIONS_XY,
     LETTERS,
@@ -136,3 +139,13 @@ def test_both_frames_are_mapped_to_the_last_bit_as_by_one_formula() -> None:
             texture = (xy_mm - np.asarray(origin_mm)) * (1.0, -1.0)
             assert texture_to_board(xy_mm, origin_mm).tobytes() == board.tobytes()
             assert board_to_texture(xy_mm, origin_mm).tobytes() == texture.tobytes()
+
+
+@pytest.mark.parametrize("convert", [board_to_texture, texture_to_board])
+@pytest.mark.parametrize(
+    ("points", "origin_mm"), [((4, 3), (1.0, 2.0)), ((4, 1), (1.0, 2.0)), ((4, 2), (1.0, 2.0, 3.0)), ((2,), ())]
+)
+def test_points_and_origin_have_two_coordinates(convert: Any, points: tuple[int, ...], origin_mm: tuple[float, ...]) -> None:
+    """A height would be neither turned nor left out, but be any number."""
+    with pytest.raises(SpecError):
+        convert(np.zeros(points), origin_mm)

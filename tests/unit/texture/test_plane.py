@@ -291,3 +291,9 @@ def test_default_origins_keep_tapes_of_166_points_apart_and_in_range(name: str) 
 def test_default_origin_refuses_unknown_sectors_and_codes(name: str, sector: int) -> None:
     with pytest.raises(SpecError, match=r"^(sector|code) = "):
         default_origin(name, sector)
+
+
+def test_differences_of_anoto_are_from_5_to_58() -> None:
+    """54 of them: digits of 3, 3, 2 and 3 values with the weights 1, 3, 9 and 18."""
+    code = sequences_of("anoto-6x6")
+    assert (code.least_difference, code.greatest_difference) == (5, 58) and code.weights == (1, 3, 9, 18)
