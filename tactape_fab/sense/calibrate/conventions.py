@@ -130,7 +130,7 @@ def _cross(v: FloatArray) -> FloatArray:
 
 
 def _adjoints(poses: FloatArray) -> FloatArray:
-    """What small motions, shift (mm) and turn (rad), are in the frame outside of a pose; (m, 4, 4) to (m, 6, 6)."""
+    """Matrices from small motions in a pose's own frame, shift (mm) and turn (rad), to those outside; (m, 4, 4) to (m, 6, 6)."""
     out, turn = np.zeros((len(poses), 6, 6)), poses[:, :3, :3]
     out[:, :3, :3] = out[:, 3:, 3:] = turn
     out[:, :3, 3:] = _cross(poses[:, :3, 3]) @ turn

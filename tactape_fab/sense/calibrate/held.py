@@ -42,7 +42,7 @@ def held_frames(presses: Sequence[Press], bundle: Bundle, posed: Collection[int]
 
 
 def held_remark(again: dict[int, int]) -> list[str]:
-    """What is said of frames that show a press again."""
+    """The remark on frames that show a press again."""
     if not again:
         return []
     k, j = next(iter(again.items()))
