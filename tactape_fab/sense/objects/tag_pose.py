@@ -38,6 +38,8 @@ sharpening, 0.986 with a blur of half a cell; with a tenth of one side covered, 
 _MOST_OFF = 0.2
 """Largest mean difference of a spot of two by two cells from the printed tag, as a fraction of the contrast: 0.11 at right poses
 in noise of a tenth of it, 0.21 and more at 58 of 59 wrong ones of partly covered tags."""
+_SAME_RAD = 0.01
+"""Fits of both tilts that end nearer to each other have found the same pose."""
 _Start = tuple[FloatArray, FloatArray]
 """Initial rotation and translation of a tag."""
 
@@ -56,12 +58,16 @@ class TagPose:
         Correlation of the picture with the printed tag at this pose, in the best even or uneven light; 1 is perfect.
     blur_px : float
         Standard deviation of the picture's blur.
+    p_mirrored : float
+        Probability that the tag is tilted the other way: seen from afar, both tilts look alike. By the likelihood of the pixels,
+        at most 0.5.
     """
 
     rotation: FloatArray
     translation_mm: FloatArray
     fit: float
     blur_px: float
+    p_mirrored: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,6 +75,7 @@ class _Checked:
     """A pose, its correlation without the picture's noise, and how far its worst spot is off, as a fraction of the contrast."""
 
     pose: Fitted
+    p_mirrored: float
     agreement: float
     worst: float
 
@@ -136,7 +143,13 @@ def refine_tag_pose(
             "detector's own pose of this tag, in mm, with x right and y down on it as AprilTag has them"
         )
     pose = best.pose
-    return TagPose(rotation=pose.rotation, translation_mm=pose.translation_mm, fit=pose.fit, blur_px=pose.blur_px)
+    return TagPose(
+        rotation=pose.rotation,
+        translation_mm=pose.translation_mm,
+        fit=pose.fit,
+        blur_px=pose.blur_px,
+        p_mirrored=best.p_mirrored,
+    )
 
 
 def _found(view: View, groups: list[list[_Start]], side_mm: float) -> _Checked:
@@ -153,7 +166,7 @@ def _found(view: View, groups: list[list[_Start]], side_mm: float) -> _Checked:
         refused = error
     wider = [[(turn, factor * shift) for turn, shift in starts] for starts in groups for factor in _DISTANCES]
     try:
-        coarse = _best(view, *_likeliest(view, wider, _COARSE_CELLS))
+        coarse, _ = _best(view, *_likeliest(view, wider, _COARSE_CELLS))
         if coarse.fit < _LEAST_FIT:
             raise FrameError("the picture does not show the tag nearer or farther away, either")
         second = _from_starts(view, _starts(coarse.rotation, coarse.translation_mm, side_mm, view.matrix, None), side_mm)
@@ -167,12 +180,12 @@ def _found(view: View, groups: list[list[_Start]], side_mm: float) -> _Checked:
 def _from_starts(view: View, groups: list[list[_Start]], side_mm: float) -> _Checked:
     """The best pose from the likeliest starts. Raises FrameError if the picture does not show the whole tag there."""
     seen, starts = _likeliest(view, groups, _SMOOTHING_CELLS)
-    found = _best(view, seen, starts)
+    found, p_mirrored = _best(view, seen, starts)
     turn, shift = found.rotation, found.translation_mm
     # pixels are those of the start: of 40 tags up to 3 cells beside it two were fitted to a part, 38 and 69 degrees off
     if _moved_cells(view, side_mm, starts[0], (turn, shift)) > _MOST_MOVED_CELLS:
-        found = _best(view, *_likeliest(view, _starts(turn, shift, side_mm, view.matrix, None), _SMOOTHING_CELLS))
-    return _checked(view, found)
+        found, p_mirrored = _best(view, *_likeliest(view, _starts(turn, shift, side_mm, view.matrix, None), _SMOOTHING_CELLS))
+    return _checked(view, found, p_mirrored)
 
 
 def _moved_cells(view: View, side_mm: float, before: _Start, after: _Start) -> float:
@@ -202,8 +215,17 @@ def _likeliest(view: View, groups: list[list[_Start]], smoothing_cells: float) -
     return max(looks, key=lambda look: look[0])[1:]
 
 
-def _best(view: View, seen: Seen, starts: list[_Start]) -> Fitted:
-    return max((fitted(seen, view, *start) for start in starts), key=lambda found: found.fit)
+def _best(view: View, seen: Seen, starts: list[_Start]) -> tuple[Fitted, float]:
+    """The better of the poses that both tilts lead to, and the probability that it is the other one."""
+    fits = sorted((fitted(seen, view, *start) for start in starts), key=lambda found: found.fit)
+    best, other = fits[-1], fits[0]
+    # the angle of a turn by its trace, 1 + 2 cos
+    apart = np.arccos(np.clip((np.trace(best.rotation.T @ other.rotation) - 1.0) / 2.0, -1.0, 1.0))
+    if apart < _SAME_RAD or not best.fit < 1.0:
+        return best, 0.0
+    # a pixel's noise is normal and its size is estimated: ln L is - n / 2 ln of the sum of squares, which is as 1 - fit^2
+    gain = len(seen.levels) / 2.0 * np.log((1.0 - other.fit**2) / (1.0 - best.fit**2))
+    return best, float(1.0 / (1.0 + np.exp(min(gain, 700.0))))
 
 
 def _starts(
@@ -232,7 +254,7 @@ def _tilts(square: FloatArray, seen: FloatArray) -> list[_Start]:
     return [(np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
 
 
-def _checked(view: View, found: Fitted) -> _Checked:
+def _checked(view: View, found: Fitted, p_mirrored: float) -> _Checked:
     """A pose held against the pixels of the tag where it is now, as the picture has them. Raises FrameError as `_pixels` does."""
     turn, shift = found.rotation, found.translation_mm
     seen = pixels(view, turn, shift, 0.0)
@@ -240,12 +262,13 @@ def _checked(view: View, found: Fitted) -> _Checked:
     off, contrast = residual(seen, view, turn, np.array([0.0, 0.0, 0.0, *shift, np.log(blur_cells), found.grown_cells]))
     fit = correlation(seen, off, contrast)
     if fit == 0.0:
-        return _Checked(pose=found, agreement=0.0, worst=1.0)
+        return _Checked(pose=found, p_mirrored=p_mirrored, agreement=0.0, worst=1.0)
     # differences of neighbours in a row, which are next to each other: noise of the picture, where the misfit changes slowly
     steps = np.diff(off)[np.diff(seen.light[:, 2]) == 0.0]
     noise = min(float(steps @ steps) / (2 * len(steps)) / float(off @ off / len(off)), 1.0) if len(steps) else 0.0
     return _Checked(
         pose=found,
+        p_mirrored=p_mirrored,
         # a large tag is smoothed for the fit, which takes out what a camera's sharpening adds to its edges
         agreement=max(sqrt(1.0 - (1.0 - fit**2) * (1.0 - noise)), found.fit),
         worst=_worst_spot(view, hits(seen, turn, shift), off / (seen.light @ contrast)),
