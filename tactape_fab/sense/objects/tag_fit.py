@@ -128,6 +128,16 @@ def _printed(tag_id: int) -> _F32:
     return np.asarray(np.where(light, inside - 0.5, 0.5 - outside) / _PX_PER_CELL, dtype=np.float32)
 
 
+@lru_cache(maxsize=4)
+def _blurred(tag_id: int, ln_blur_cells: float, grown_cells: float) -> _F32:
+    """The printed tag as a camera blurs it; seven in eight poses that a step looks at share one."""
+    cv2 = library("cv2", "fitting a tag to a picture")
+
+    # a pixel at distance d of a straight edge is covered by d + 0.5, from 0 to 1
+    light = np.clip((_printed(tag_id) + np.float32(grown_cells)) * _PX_PER_CELL + 0.5, 0.0, 1.0)
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), float(np.exp(ln_blur_cells)) * _PX_PER_CELL), dtype=np.float32)
+
+
 def residual(seen: Seen, view: View, rotation: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Residuals of the grey levels at a pose, in the best light; and the contrast, with its slopes (3,).
 
@@ -139,9 +149,7 @@ def residual(seen: Seen, view: View, rotation: FloatArray, values: FloatArray) -
     hit = hits(seen, np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation, values[3:6])
     # mm from the tag's centre to pixels of the printed picture, integers at pixel centres
     at = ((hit / view.cell_mm + SIDE_CELLS / 2 + _PAD_CELLS) * _PX_PER_CELL - 0.5).astype(np.float32)
-    # a pixel at distance d of a straight edge is covered by d + 0.5, from 0 to 1
-    light = np.clip((_printed(view.tag_id) + np.float32(values[7])) * _PX_PER_CELL + 0.5, 0.0, 1.0)
-    blurred = cv2.GaussianBlur(light, (0, 0), float(np.exp(values[6])) * _PX_PER_CELL)
+    blurred = _blurred(view.tag_id, float(values[6]), float(values[7]))
     lots = np.array_split(at, len(at) // _MOST_COLUMNS + 1)
     seen_there = [np.ravel(cv2.remap(blurred, lot[None, :, 0], lot[None, :, 1], cv2.INTER_LINEAR)) for lot in lots]
     shape = np.concatenate(seen_there).astype(np.float64)
