@@ -126,6 +126,20 @@ def test_of_two_tilts_that_look_alike_the_chance_of_the_other_is_said() -> None:
     assert all(p > 0.05 for p, off in zip(said, wrong, strict=True) if off)
 
 
+@only_thorough
+def test_small_tags_are_mirrored_as_often_as_is_said() -> None:
+    """Of 1.4 to 2 px per cell; the number that is mirrored is a sum of chances, each of variance p (1 - p)."""
+    said, wrong = [], 0
+    for k in range(80):
+        of, rng = camera.printed((0.35, 0.5)[k % 2]), np.random.default_rng(1000 + k)
+        turn, shift = camera.draw_pose(of.tape, rng)
+        found = refine_tag_pose(of.tape, camera.photograph(of, turn, shift, rng), turn, shift, camera.CAMERA)
+        said.append(found.p_mirrored)
+        wrong += bool(np.degrees(np.arccos(min((np.trace(found.rotation.T @ turn) - 1.0) / 2.0, 1.0))) > 3.0)
+    p = np.array(said)
+    assert wrong >= 3 and abs(wrong - p.sum()) < 3.0 * np.sqrt((p * (1.0 - p)).sum())
+
+
 @pytest.mark.parametrize("known", [True, False], ids=["lens known", "lens not known"])
 def test_a_detector_s_pose_is_refined_whether_it_knows_the_lens_or_not(known: bool) -> None:
     """AprilTag takes every camera for a pinhole: through a lens its pose is far off, and the tag not where it says."""
