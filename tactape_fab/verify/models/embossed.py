@@ -9,10 +9,12 @@ import numpy as np
 
 from tactape_fab.base.errors import Check, SpecError, refuse
 from tactape_fab.base.fields import Fields, counted, named
+from tactape_fab.solids.elements import reach_mm
 from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl, stl_problems
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import nearest
 from tactape_fab.solids.surface.placements import Placed, PlacementsError, read_placements
+from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import FloatArray, IntArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.models.raised import bounds_of_groups
@@ -20,7 +22,9 @@ from tactape_fab.verify.symbols import check_symbols
 
 _VOLUME_ERROR = 1e-6
 _PLACE_ERROR_MM = 1e-3
-_TOP_FROM = 0.6
+_TOP_FROM, _BESIDE = 0.6, 1.1
+"""Least height of an element's top vertices, as a fraction of its height, and how far they may be from its middle along the
+board's axes, as a multiple of its reach: so much farther the surface rises from half the height to 0.55 of it."""
 _GRID_SHARE, _GRID_SHARE_OF_PITCH, _GRID_SHARE_UP = 0.1, 4.0, 0.3
 """Largest error of an element's displacement from its grid point, as a fraction of it: on a flat part, for each of the recorded
 pitch error, and along the normal. On 98 parts it was at most 2.1 of the pitch error, and 0.06 along the normal."""
@@ -102,30 +106,42 @@ def _check_rows(tape: Tape, placed: Placed, pitch_error: float) -> Check:
 
 
 def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]:
-    """Vertices near the elements' tops: nearest grid point of each, and coordinates in that point's frame."""
+    """Vertices of the elements' tops: nearest grid point of each, and coordinates in the frame at that element's place.
+
+    An element is looked for at the places of all symbols, and is where most vertices are.
+    """
     # an element is within its cell, whose corner is W / sqrt 2 from the grid point, and within its height
-    reach_mm = tape.pitch_mm / 2**0.5 + tape.part.body_mm[2]
-    distance, owner = nearest(placed.grid_mm, mesh.vertices_mm, within_mm=reach_mm)
+    cell_mm = tape.pitch_mm / 2**0.5 + tape.part.body_mm[2]
+    distance, owner = nearest(placed.grid_mm, mesh.vertices_mm, within_mm=cell_mm)
     near = np.isfinite(distance)
     owner = owner[near]
-    axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
-    # rows of `axes` are the axes of the grid point's frame, so scalar products are coordinates in it
-    local = np.einsum("nij,nj->ni", axes[owner], mesh.vertices_mm[near] - placed.grid_mm[owner])
-    # below a foot the part's surface rises by at most half the height (`too_curved`)
+    local = np.einsum("nij,nj->ni", _axes(placed)[owner], mesh.vertices_mm[near] - placed.points_mm[owner])
+    # above a foot the part's surface rises by at most half the height (`too_curved`), beside it perhaps higher than the top
     high = local[:, 2] > _TOP_FROM * tape.part.body_mm[2]
-    return owner[high], local[high]
+    owner, local = owner[high], local[high]
+    shifts_mm = DIRECTIONS[tape.directions].xy * (tape.displacement_mm, -tape.displacement_mm)
+    places_mm = shifts_mm - shifts_mm[tape.symbols[placed.cells[:, 1], placed.cells[:, 0]], None]
+    beside_mm = np.abs(local[:, None, :2] - places_mm[owner])
+    over = (beside_mm <= _BESIDE * np.array(reach_mm(tape.part))).all(axis=2)
+    vertices = np.zeros(places_mm.shape[:2], dtype=np.int64)
+    np.add.at(vertices, owner, over)
+    top = over[np.arange(len(owner)), vertices.argmax(axis=1)[owner]]
+    return owner[top], local[top]
+
+
+def _axes(placed: Placed) -> FloatArray:
+    """Rows are the axes of every element's frame, so that scalar products with them are coordinates in it; shape (n, 3, 3)."""
+    return np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
 
 
 def _moved(placed: Placed) -> FloatArray:
     """Every element's place as seen from its grid point, along the board's x and y axes and its normal; shape (n, 3), mm."""
-    axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
-    return np.asarray(np.einsum("nij,nj->ni", axes, placed.points_mm - placed.grid_mm))
+    return np.asarray(np.einsum("nij,nj->ni", _axes(placed), placed.points_mm - placed.grid_mm))
 
 
 def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> Check:
     """Check that the centre of every element's top is above its place, at the element's height."""
-    moved = _moved(placed)
-    low, high = bounds_of_groups(len(moved), owner, tops)
+    low, high = bounds_of_groups(tape.part_count, owner, tops)
     there = np.isfinite(low[:, 0])
     if not there.all():
         missing = [placed.designators[i] for i in np.flatnonzero(~there)[:5]]
@@ -133,7 +149,7 @@ def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -
         return Check(name="elements", passed=False, message=message, figure=float(there.sum()))
     # middle of the bounds, as vertices of a boolean operation's result are unevenly distributed
     found = np.c_[(low[:, :2] + high[:, :2]) / 2, high[:, 2]]
-    error = np.linalg.norm(found - moved - (0.0, 0.0, tape.part.body_mm[2]), axis=1)
+    error = np.linalg.norm(found - (0.0, 0.0, tape.part.body_mm[2]), axis=1)
     worst = int(error.argmax())
     message = f"{len(error)} elements stand where the placements say, within {error.max() * 1000:.2f} µm"
     if error.max() > _PLACE_ERROR_MM:
@@ -142,9 +158,9 @@ def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -
 
 
 def _board_positions(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> FloatArray:
-    """Board positions of the elements in the mesh, from their coordinates in the grid points' frames; shape (m, 2)."""
+    """Board positions of the elements in the mesh, from their coordinates at their places; shape (m, 2)."""
     low, high = bounds_of_groups(len(placed.cells), owner, tops)
     there = np.isfinite(low[:, 0])
-    moved = (low[there, :2] + high[there, :2]) / 2
+    moved = _moved(placed)[there, :2] + (low[there, :2] + high[there, :2]) / 2
     points = texture_to_board(placed.cells[there] * tape.pitch_mm, tape.board.texture_origin_mm)
     return np.asarray(points + moved, dtype=np.float64)

@@ -85,10 +85,22 @@ def test_tops_stand_at_their_places(mesh: Mesh, says: str) -> None:
 
 
 def test_positions_on_the_board_are_those_of_the_mesh() -> None:
-    found = _board_positions(TAPE, PLACED, *_tops(TAPE, PLACED, mesh_of(moved(3, 0.1, -0.05, 0.0), gone=(7,))))
+    found = _board_positions(TAPE, PLACED, *_tops(TAPE, PLACED, mesh_of(moved(3, 0.02, -0.01, 0.0), gone=(7,))))
     parts = TAPE.part_xy_mm()
-    parts[3] += (0.1, -0.05)
+    parts[3] += (0.02, -0.01)
     assert found == pytest.approx(np.delete(parts, 7, axis=0), abs=1e-9)
+
+
+def test_a_part_s_surface_beside_an_element_is_not_its_top() -> None:
+    """A fold of the part, higher than the elements beside it."""
+    mesh, reach_mm = mesh_of(), (LENGTH + WIDTH) / 8**0.5
+
+    def with_fold(beside: float) -> Mesh:
+        at = np.array([[beside * reach_mm, 0.0, 1.2 * HEIGHT], [0.0, -beside * reach_mm, 0.7 * HEIGHT]])
+        return Mesh(vertices_mm=np.concatenate([mesh.vertices_mm, PLACED.points_mm[4:6] + at @ AXES]), faces=mesh.faces)
+
+    assert _check_tops(TAPE, PLACED, *_tops(TAPE, PLACED, with_fold(1.11))).passed
+    assert not _check_tops(TAPE, PLACED, *_tops(TAPE, PLACED, with_fold(1.09))).passed
 
 
 def test_vertices_beyond_a_cell_are_of_no_element() -> None:
