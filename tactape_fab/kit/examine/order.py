@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, independent, refusal, tried
+from tactape_fab.base.fields import shown
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.examine.together import of_sector, other_sectors, sector_words, together_findings
@@ -142,7 +143,7 @@ def examine_order(
     fab = None if spec.fab is None else tried(lambda: load_fab(str(spec.fab)), [])
     if request.asked_for and spec.fab is None:
         message = f"panel = '{values['panel']}' is of films with parts, but part = '{spec.part}' is printed or milled; "
-        problems.append(Problem("panel", message + "leave out --panel"))
+        problems.append(Problem("panel", message + f"leave out {_listed_options(('panel', *_of_panel_alone(values)))}"))
     by_profile = request.mode is None and fab is not None and fab.panel.make == "auto"
     if not (request.asked_for or by_profile):
         problems += _without_panel(values, films=spec.fab is not None) if request.mode is None else []
@@ -157,7 +158,7 @@ def examine_order(
         first = 0  # invalid sectors are already among the problems
     base_values = {**tape_values, **({} if first is None else {"sector": first})}
     alone = by_profile and fab is not None and not arrangements(spec.size_mm, fab)
-    of_panel = [] if fab is None or alone else _panel_problems(spec, first, request, fab, tape_values.get("tag_id"))
+    of_panel = [] if fab is None or alone else _panel_problems(spec, first, request, fab, values)
     try:
         base = examine(base_values, output=output, overwrite=overwrite, known=problems)
     except SpecError as error:
@@ -195,6 +196,16 @@ def takes_panel(values: Mapping[str, Any]) -> tuple[bool, str]:
         f"no panel: {len(request.sectors)} tapes of {width:g} x {height:g} mm fill none that assembly at {fab.name} takes, but "
         f"{', '.join(map(str, counts[:3]))} do; each is made alone, --pack puts any number on panels"
     )
+
+
+def _of_panel_alone(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """The given keys, other than ``panel`` and ``sectors``, that mean nothing without a panel."""
+    return tuple(key for key in ("same_sector", "tabs") if values.get(key) not in (None, False))
+
+
+def _listed_options(keys: Sequence[str]) -> str:
+    *first, last = (f"--{key.replace('_', '-')}" for key in keys)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _no_panel(size_mm: tuple[float, float], fab: FabProfile) -> str:
@@ -243,21 +254,32 @@ def _together(tapes: Sequence[Examined], *, named: bool) -> tuple[Finding, ...]:
     return together_findings([tape.tape for tape in tapes], remedy)
 
 
-def _panel_problems(spec: TapeSpec, first: object, request: PanelRequest, fab: FabProfile, tag_id: object) -> list[Problem]:
+def _panel_problems(
+    spec: TapeSpec, first: object, request: PanelRequest, fab: FabProfile, values: Mapping[str, Any]
+) -> list[Problem]:
     """Problems of columns and rows, and of sectors and tags of the tapes; with refused columns and rows, those of the remedy."""
     problems: list[Problem] = []
     count = None if request.sectors is None else len(request.sectors)
     arrangement = request.arrangement
+    others = _of_panel_alone(values)
+    alone = f"--panel none without {_listed_options(others)}" if others else "--panel none"
     if arrangement is None:
-        arrangement = tried(lambda: choose_arrangement(spec.size_mm, fab, count), problems)
-    elif (problem := arrangement_problem(spec.size_mm, arrangement, fab, count)) is not None:
+        arrangement = tried(lambda: choose_arrangement(spec.size_mm, fab, count, alone), problems)
+    elif (problem := arrangement_problem(spec.size_mm, arrangement, fab, count, alone)) is not None:
         problems.append(problem)
         arrangement = nearest_arrangement(spec.size_mm, arrangement, fab)
+    elif count not in (None, wanted := arrangement[0] * arrangement[1]):
+        filled = any(columns * rows == count for columns, rows in arrangements(spec.size_mm, fab))
+        message = (
+            f"sectors = {shown(values['sectors'])} names {count} tapes, but panel = {arrangement[0]}x{arrangement[1]} has "
+            f"{wanted}; name {wanted}{', or use --panel auto' if filled else ''}"
+        )
+        problems.append(Problem("sectors", message))
     problems = [replace(problem, needs=("size_mm", "fab")) for problem in problems]
     count = arrangement[0] * arrangement[1] if arrangement is not None and count is None else count
     if count is None or count == 1 or request.same_sector or not isinstance(first, int):
         return problems
-    tags = _tag_problems(spec, first, count, request.sectors, tag_id)
+    tags = _tag_problems(spec, first, count, request.sectors, values.get("tag_id"))
     return [*problems, *(_sector_problems(spec, first, count) if request.sectors is None else []), *tags]
 
 

@@ -31,9 +31,10 @@ def arrangements(tape_mm: Size, fab: FabProfile) -> list[tuple[int, int]]:
     return sorted(fitting, key=lambda p: (p[0] * p[1], sizes[p][0] * sizes[p][1], max(sizes[p]), p))
 
 
-def choose_arrangement(tape_mm: Size, fab: FabProfile, count: int | None) -> tuple[int, int]:
+def choose_arrangement(tape_mm: Size, fab: FabProfile, count: int | None, alone: str = "--panel none") -> tuple[int, int]:
     """The arrangement of the fewest tapes that assembly accepts, or of exactly `count`.
 
+    alone: Options by which tapes are made without a panel.
     Raises SpecError if there is no such arrangement.
     """
     fitting = arrangements(tape_mm, fab)
@@ -42,7 +43,7 @@ def choose_arrangement(tape_mm: Size, fab: FabProfile, count: int | None) -> tup
         width, height = panel_size_mm(tape_mm, (1, 1), fab.panel.rail_mm, fab.panel.gap_mm)
         message = (
             f"panel = 'auto': tapes of {size} fit on no panel: one with its rails is {width:g} x {height:g} mm, and "
-            f"{_takes(fab)}; use another --size, or --panel none"
+            f"{_takes(fab)}; use another --size, or {alone}"
         )
         raise SpecError(Problem("panel", message))
     matching = [pair for pair in fitting if count is None or pair[0] * pair[1] == count]
@@ -65,13 +66,15 @@ def _takes(fab: FabProfile) -> str:
     )
 
 
-def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile, named: int | None) -> Problem | None:
-    """The problem of an arrangement at this fab, or None; ``named`` is the number of sectors, if given."""
+def arrangement_problem(
+    tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile, named: int | None, alone: str = "--panel none"
+) -> Problem | None:
+    """The problem of an arrangement at this fab, or None; ``named`` is the number of sectors, if given, ``alone`` as above."""
     size = panel_size_mm(tape_mm, arrangement, fab.panel.rail_mm, fab.panel.gap_mm)
     if within(size, fab):
         return None
     nearest = nearest_arrangement(tape_mm, arrangement, fab)
-    remedy = "use another --size, or --panel none" if nearest is None else f"use --panel {nearest[0]}x{nearest[1]}"
+    remedy = f"use another --size, or {alone}" if nearest is None else f"use --panel {nearest[0]}x{nearest[1]}"
     if nearest is not None and named not in (None, nearest[0] * nearest[1]):
         remedy += f", and name {nearest[0] * nearest[1]} sectors"
     given = f"panel = {arrangement[0]}x{arrangement[1]} of {tape_mm[0]:g} x {tape_mm[1]:g} mm tapes"

@@ -62,14 +62,6 @@ def read_panel_request(values: Mapping[str, Any], *, films: bool = True) -> tupl
     if sectors is not None and same_sector:
         message = f"same_sector contradicts sectors = {shown(values['sectors'])}, one for each tape"
         table.problem("same_sector", f"{message}; give --sector N in their place")
-    if films and arrangement is not None and sectors is not None and arrangement[0] * arrangement[1] != len(sectors):
-        count = arrangement[0] * arrangement[1]
-        table.problem(
-            "sectors",
-            f"sectors = {shown(values['sectors'])} names {len(sectors)} tapes, but panel = {arrangement[0]}x{arrangement[1]} has "
-            f"{count}; "
-            f"name {count}, or use --panel auto",
-        )
     if mode == "none":
         for key in (k for k in PANEL_KEYS[1:] if table.values.get(k, False) is not False):
             option = f"--{key.replace('_', '-')}"

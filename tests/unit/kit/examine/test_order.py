@@ -83,3 +83,21 @@ def test_findings_of_a_panel_have_their_places_on_it() -> None:
         at_mm = of_tapes[finding.rule, finding.value]
         assert at_mm is not None and finding.at_mm == pytest.approx((at_mm[0] + offset_mm[0], at_mm[1] + offset_mm[1]))
     assert [replace(f, at_mm=None) for f in examined.findings] == [replace(f, at_mm=None) for f in examined.findings_on_panel]
+
+
+def test_without_a_panel_its_other_options_go_as_well() -> None:
+    asked = {"sector": 7, "panel": "10x10", "size_mm": [240.0, 240.0], "tabs": "x"}
+    assert refused(**asked)[0].endswith("; use another --size, or --panel none without --tabs")
+    both = refused(**asked, same_sector=True)
+    assert both[0].endswith("; use another --size, or --panel none without --same-sector and --tabs")
+    assert refused(**{**asked, "panel": "auto"})[0].endswith("or --panel none without --tabs")
+    assert refused(sector=7, part="dome", panel="2x2", tabs="x")[0].endswith("; leave out --panel and --tabs")
+
+
+@pytest.mark.parametrize(("sectors", "also"), [([0, 1, 2], ", or use --panel auto"), ([0], "")])
+def test_another_panel_is_named_for_sectors_that_fill_one(sectors: list[int], also: str) -> None:
+    (line,) = refused(sectors=sectors, panel="2x3", models=False)
+    assert line.endswith(f"has 6; name 6{also}")
+    if also:
+        examined, _ = examine_order({"sectors": sectors, "panel": "auto", "models": False})
+        assert isinstance(examined, ExaminedPanel) and len(examined.tapes) == len(sectors)
