@@ -15,12 +15,12 @@ from tactape_fab.base.errors import Problem, ReachProblem, SpecError, refusal
 from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
 from tactape_fab.kit.spec.board_options import no_tag
+from tactape_fab.kit.spec.grid_options import code_of_reach
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.board import LONGEST_MM, TAG_FAMILY, Board, Tag
-from tactape_fab.texture.code import DEFAULT_CODE, Code, get_code
+from tactape_fab.texture.code import Code, get_code
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, SymbolArray, snap_mm, texture_to_board
 from tactape_fab.texture.part import TapePart
-from tactape_fab.texture.plane import MOST_POINTS
 from tactape_fab.texture.shapes import inset_mm, reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
@@ -313,7 +313,8 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
 
 def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Iterator[Problem]:
     if grid.columns * grid.rows > code.most_points:
-        other = f", or --code {DEFAULT_CODE}" if code.most_points < MOST_POINTS else ""
+        name = code_of_reach((grid.columns, grid.rows), spec.sector, spec.directions)
+        other = f", or --code {name}" if name else ""
         yield ReachProblem(
             "size_mm",
             f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm gives {grid.columns} x {grid.rows} grid points, more than "
@@ -337,22 +338,24 @@ def _tag_centre_mm(spec: TapeSpec) -> tuple[float, float]:
     return float(snap_mm(TAG_KEEP_OUT_MM + half_mm)), float(snap_mm(TAG_RAISE_MM + half_mm))
 
 
-def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
-    if spec.tag_id is None:
-        return
+def tag_inside(spec: TapeSpec, radius_mm: float, ink_edge_mm: float) -> bool:
+    """Whether the tag's light ring is far enough inside the outline with corners of this radius; true without a tag."""
     ring = np.array(_tag_centre_mm(spec)) + SIDE_CELLS * spec.tag_cell_mm / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    return spec.tag_id is None or bool(inset_mm(ring, spec.size_mm, radius_mm).min() >= ink_edge_mm - TOLERANCE_MM)
 
-    def inside(radius_mm: float) -> bool:
-        return bool(inset_mm(ring, spec.size_mm, radius_mm).min() >= ink_edge_mm - TOLERANCE_MM)
 
-    if not inside(spec.corner_radius_mm):
-        most_mm = max((step / 10 for step in range(int(spec.corner_radius_mm * 10) + 1) if inside(step / 10)), default=0.0)
-        yield Problem(
-            "corner_radius_mm",
-            f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {ink_edge_mm:g} "
-            f"mm inside the outline; use --corner-radius {most_mm:g}, or {no_tag(spec.tag_id, spec.sector)}",
-            needs=("fab", "size_mm", "tag", "tag_cell_mm"),
-        )
+def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
+    if tag_inside(spec, spec.corner_radius_mm, ink_edge_mm):
+        return
+    radii_mm = np.arange(int(spec.corner_radius_mm * 10) + 1) / 10
+    # at straight sides the ring may be nearer than the ink may be: no radius does
+    rounder = [f"use --corner-radius {radius:g}, or " for radius in radii_mm if tag_inside(spec, radius, ink_edge_mm)][-1:]
+    yield Problem(
+        "corner_radius_mm",
+        f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {ink_edge_mm:g} "
+        f"mm inside the outline; {''.join(rounder) or 'use '}{no_tag(spec.tag_id, spec.sector)}",
+        needs=("fab", "size_mm", "tag", "tag_cell_mm"),
+    )
 
 
 def _cuts_tag(spec: TapeSpec, size_mm: tuple[float, float], claim: Claim) -> bool:

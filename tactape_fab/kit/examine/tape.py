@@ -13,7 +13,7 @@ from tactape_fab.kit.examine.together import of_sector, other_sectors, together_
 from tactape_fab.kit.film.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
-from tactape_fab.kit.plan import ELEMENT_KEYS, plan, plan_texture
+from tactape_fab.kit.plan import ELEMENT_KEYS, film_size_mm, plan, plan_texture, texture_size_mm
 from tactape_fab.kit.profiles import (
     ElementProfile,
     FabProfile,
@@ -25,7 +25,7 @@ from tactape_fab.kit.profiles import (
     read_part,
 )
 from tactape_fab.kit.profiles.assembly import part_number_problem
-from tactape_fab.kit.rules.film_rules import fab_for, film_findings, film_problems
+from tactape_fab.kit.rules.film_rules import OF_ASSEMBLY, fab_for, film_findings, film_problems
 from tactape_fab.kit.rules.process_rules import check_models, check_texture
 from tactape_fab.kit.rules.remedies import film_remedy
 from tactape_fab.kit.rules.spacing import check
@@ -58,6 +58,14 @@ class Profiles:
     fab: FabProfile | None
     part: PartProfile | ElementProfile
     process: ProcessProfile | None
+
+    def size_mm(self, spec: TapeSpec) -> tuple[float, float]:
+        """The spec's outline, or the least larger one that holds a window of the code."""
+        if isinstance(self.part, PartProfile):
+            assert self.fab is not None
+            return film_size_mm(spec, self.fab, self.part)
+        assert self.process is not None
+        return texture_size_mm(spec, self.process, self.part)
 
     def plan(self, spec: TapeSpec, avoid: Sequence[Tape] | None = ()) -> Tape:
         """The tape of a spec that names these profiles; see `tactape_fab.kit.plan`."""
@@ -163,11 +171,17 @@ def examine(
         raise refusal(problems)
     # rules measured on other elements than those asked for do not apply to the tape
     measurable = {problem.root for problem in problems}.isdisjoint(ELEMENT_KEYS)
-    spec, resized = planned, planned.size_mm != spec.size_mm
+    resized, rounded = planned.size_mm != spec.size_mm, planned.corner_radius_mm != spec.corner_radius_mm
+    elsewhere = {*(("size", *OF_ASSEMBLY) if resized else ()), *(("corner-radius",) if rounded else ())}
+    spec = planned
     film, findings = _measured(spec, tape, profiles, problems, resized=resized)
     if problems:
-        # places on a substitute board mean nothing, so at_mm is left out
-        raise refusal(problems, [replace(f, at_mm=None) for f in findings if f.blocks and measurable])
+        # places on a substitute board mean nothing, so at_mm is left out, as are rules that are those of its outline
+        broken = [replace(f, at_mm=None) for f in findings if f.blocks and measurable and f.rule not in elsewhere]
+        if any(problem.root == "anchor" for problem in problems):
+            # a refused mesh's own remedy turns the parts, with the W that it needs then
+            broken = [replace(f, message=f.message.replace(", or --rotation 45", "")) for f in broken]
+        raise refusal(problems, broken)
     certificate, searched = certify(tape), search is not None
     findings += _beside(spec, tape, profiles, avoid)
     return Examined(
@@ -277,8 +291,8 @@ def _planned(
 ) -> tuple[TapeSpec, Tape | None, Choice | None]:
     """The tape, at the best origin if asked for, and the result of that search.
 
-    If no tape can be made, the rules are measured on a substitute with the same elements, the default code and a board that is
-    large enough.
+    If no tape can be made, the rules are measured on a substitute with the same elements and directions, or of the default code,
+    and a board that is large enough.
     """
     try:
         tape = profiles.plan(spec, None if problems else avoid)  # a refused tape is not designed
@@ -293,8 +307,13 @@ def _planned(
     # refused keys of the board are replaced by values that are always valid; the others stay
     board = {"holes_mm": (), "corner_radius_mm": 0.0, "size_mm": DEFAULT_SIZE_MM}
     board = board if "size_mm" in refused else {key: value for key, value in board.items() if key in refused}
-    spec = spec.with_values(**board, code=DEFAULT_CODE, sector=0, origin=(0, 0), directions=USUAL_DIRECTIONS)
-    return spec, tried(lambda: profiles.plan(spec), []), None
+    spec = spec.with_values(**board, sector=0, origin=(0, 0))
+    spec = spec.with_values(size_mm=profiles.size_mm(spec)) if "size_mm" in refused else spec
+    substitute = tried(lambda: profiles.plan(spec, None), [])
+    if substitute is None:
+        spec = spec.with_values(code=DEFAULT_CODE, directions=USUAL_DIRECTIONS)
+        substitute = tried(lambda: profiles.plan(spec), [])
+    return spec, substitute, None
 
 
 def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape]) -> tuple[Finding, ...]:
@@ -362,7 +381,7 @@ def undrawable(problems: Sequence[Problem], spec: TapeSpec, film: Film) -> list[
         words = film_remedy(spec, film.fab, film.layout.part).words() or "use a smaller part"
         without = ", or leave out --sim" if spec.form is None else ""
         # beside options of the models or assets of them, --no-3d alone would be refused, or be of no use
-        if spec.form == SolidForm() and not spec.sim:
+        if spec.form == SolidForm() and not spec.sim and spec.process is None:
             without = ", or --no-3d"
         message = f"{problem.message.rpartition('; ')[0]}; {words}{without}"
         found.append(Finding(rule="models", level="block", passed=False, unit="", message=message))

@@ -36,7 +36,7 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
             problems.append(Problem(key, f"{key} = '{given.replace(' ', ':')}' is not available; {remedy}"))
     if spec.bend_radius_mm is not None and fab.bend is None:
         message = f"bend_radius_mm = {spec.bend_radius_mm:g} mm contradicts fab = '{fab.name}', a rigid board; "
-        message += "leave out --bend-axis and --bend-radius, or use --fab generic-fpc"
+        message += "leave out --bend-axis and --bend-radius" + "".join(f", or use {words}" for words in _flexible(spec, part))
         problems.append(Problem("bend_radius_mm", message))
     if spec.anchor == "mesh" and spec.rotation_deg % 90.0 != 45.0:
         message = f"anchor = 'mesh' contradicts rotation_deg = {spec.rotation_deg:g} deg: its webs lie along the parts"
@@ -44,6 +44,23 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
         bare = f"--anchor none {_with_outline(spec.with_values(anchor='none'), fab, part)}".strip()
         problems.append(Problem("anchor", f"{message}; use {', or '.join([*ways, bare])}"))
     return problems
+
+
+def _flexible(spec: TapeSpec, part: PartProfile) -> Iterator[str]:
+    """Options for a flexible fab that does what is asked for, with W and Δ at which its rules hold; none if there is none."""
+    for name in ("generic-fpc", "generic-lpi"):
+        other, fab = spec.with_values(fab=name), load_fab(name)
+        of_backings = ((spec.stiffener, fab.stiffener), (spec.adhesive, fab.adhesive))
+        if spec.coverlay in (None, *fab.coverlay_modes) and all(given in (None, *has.choices) for given, has in of_backings):
+            options = film_remedy(other, fab_for(other, fab, part), part, _bridges(other, fab)).options()
+            if options is not None:
+                yield f"--fab {name} {options}".rstrip()
+                return
+
+
+def _bridges(spec: TapeSpec, fab: FabProfile) -> list[str]:
+    """The rule of bridges, where the coverlay is opened by part as asked for."""
+    return [] if spec.coverlay in (None, "gang") else ["opening-bridge"]
 
 
 def _with_outline(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> str:

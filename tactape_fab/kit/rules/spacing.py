@@ -12,7 +12,7 @@ import shapely
 from tactape_fab.base.errors import Finding
 from tactape_fab.kit.film.gaps import Geometries, gaps_mm, pen_strokes, polygons
 from tactape_fab.kit.film.layout import Layout, labelled_size_mm
-from tactape_fab.kit.plan import TOLERANCE_MM
+from tactape_fab.kit.plan import TOLERANCE_MM, tag_inside
 from tactape_fab.kit.profiles import FabProfile, PartProfile, ProcessProfile, cited
 from tactape_fab.kit.rules.remedies import opening_words, part_words, wider_words
 from tactape_fab.kit.spec.board_options import no_tag
@@ -37,7 +37,7 @@ def check(layout: Layout, fab: FabProfile, spec: TapeSpec) -> list[Finding]:
     """
     findings = [
         *_gap_rules(layout, fab, spec),
-        *_edge_rules(layout, fab),
+        *_edge_rules(layout, fab, spec),
         *_legend_rules(layout, fab),
         *_hole_rules(layout, fab),
     ]
@@ -182,12 +182,16 @@ def _own_gap_mm(part: PartProfile) -> float:
 # Distances from the outline
 
 
-def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+def _edge_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Finding]:
     board = layout.tape.board
     wider = (fab.coverlay_expansion_mm, None)
     yield finding(fab, "opening-expansion", wider, f"expansion of the {fab.mask_name}", "ask the fab")
     radius = (board.corner_radius_mm, None)
-    rounder: Remedies = lambda limit_mm: f"use --corner-radius {limit_mm:g}"  # noqa: E731
+
+    def rounder(limit_mm: float) -> str:
+        without = "" if tag_inside(spec, limit_mm, fab.legend.edge_mm) else f" {no_tag(spec.tag_id, spec.sector)}"
+        return f"use --corner-radius {limit_mm:g}{without}"
+
     yield finding(fab, "corner-radius", radius, "corner radius of the outline", rounder)
     remedy = "use a larger --size or another --rotation"
     for rule, outline, what in (
@@ -306,7 +310,9 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
         return f"use {', '.join(map(_hole_words, moved))} in {'its' if len(moved) == 1 else 'their'} place"
 
     def wider(limit_mm: float) -> str:
-        wide = [(x, y, _up(limit_mm)) for x, y, diameter in board.holes if diameter < limit_mm]
+        # a wider hole may be too near to the outline, or beyond it
+        edge_mm = profile.limits["hole-edge"].value_mm
+        wide = [_moved_inward((x, y, _up(limit_mm)), board, edge_mm) for x, y, diameter in board.holes if diameter < limit_mm]
         return f"use {', '.join(map(_hole_words, wide))} in {'its' if len(wide) == 1 else 'their'} place"
 
     yield finding(profile, "hole-edge", worst_at(edge, centres), "hole to outline", inward)

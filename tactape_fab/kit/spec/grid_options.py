@@ -9,10 +9,10 @@ from tactape_fab.base.errors import ReachProblem
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.profiles import PartProfile
 from tactape_fab.kit.spec.scatter import scatter_refusal
-from tactape_fab.kit.spec.solid_options import Part
+from tactape_fab.kit.spec.solid_options import Part, without_film
 from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, Code, default_origin, get_code, read_directions
-from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT
 
@@ -51,7 +51,7 @@ def read_direction_option(table: Fields, part: Part | None, displacement_mm: flo
     code = None if table.refused("code") else get_code(table.values.get("code", DEFAULT_CODE))
     directions = read_directions(table, code)
     if not DIRECTIONS[directions].usual and isinstance(part, PartProfile) and not table.refused("displacement_mm"):
-        message = scatter_refusal(displacement_mm, pitch_mm)  # with another code, too
+        message = scatter_refusal(displacement_mm, pitch_mm, without_film(table.values))  # with another code, too
         if message is not None:
             table.problem("directions", message)
     return directions
@@ -84,7 +84,7 @@ def _size(table: Fields, pitch_mm: float, code: Code, sector: int) -> tuple[floa
     remedy = "give WIDTHxHEIGHT in millimetres, such as 100x50, or [100, 50] in TOML and Python"
     width, height = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, remedy=remedy, default=DEFAULT_SIZE_MM)
     reach_mm = inf if table.refused("pitch_mm") else code.range * pitch_mm
-    other = _code_of_reach(max(width, height) / pitch_mm, sector)
+    other = code_of_reach((width / pitch_mm, height / pitch_mm), sector, table.values.get("directions", USUAL_DIRECTIONS))
     larger = f"use --code {other} or a smaller tape" if other else "use a smaller tape"
     for i, side_mm in enumerate((width, height)):
         if side_mm > reach_mm:
@@ -96,10 +96,15 @@ def _size(table: Fields, pitch_mm: float, code: Code, sector: int) -> tuple[floa
     return DEFAULT_SIZE_MM if table.refused("size_mm") else (float(snap_mm(width)), float(snap_mm(height)))
 
 
-def _code_of_reach(points: float, sector: int) -> str:
-    """Code of least range with this sector and at least that many points along an axis; '' if there is none."""
-    reaching = [name for name in CODE_NAMES if get_code(name).range >= points and sector < get_code(name).sectors]
-    return min(reaching, key=lambda name: get_code(name).range, default="")
+def code_of_reach(points: tuple[float, float], sector: int, directions: object) -> str:
+    """Code of least range whose tape of this sector has that many columns and rows at the default origin; '' if there is none."""
+
+    def reaches(code: Code) -> bool:
+        ends = (first + count for first, count in zip(default_origin(code.name, sector), points, strict=True))
+        return points[0] * points[1] <= code.most_points and max(ends) <= code.range
+
+    codes = [code for code in map(get_code, CODE_NAMES) if sector < code.sectors and directions in code.directions]
+    return min(((code.range, code.name) for code in codes if reaches(code)), default=(0, ""))[1]
 
 
 def _origin(table: Fields, code: Code, sector: int) -> tuple[int, int] | Literal["best"]:

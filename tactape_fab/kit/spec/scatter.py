@@ -33,8 +33,11 @@ def least_displacement_mm() -> float:
     return ceil(100.0 * scatters * PLACEMENT_MM / _HALF_STEP) / 100.0
 
 
-def scatter_refusal(displacement_mm: float, pitch_mm: float) -> str | None:
-    """Reason why placed parts cannot have eight directions at this displacement; None if they can."""
+def scatter_refusal(displacement_mm: float, pitch_mm: float, of_film: str = "") -> str | None:
+    """Reason why placed parts cannot have eight directions at this displacement; None if they can.
+
+    of_film: Options that a printed element has not, such as `` without --fab``.
+    """
     errors = symbol_errors(displacement_mm)
     if errors <= MOST_SYMBOL_ERRORS:
         return None
@@ -44,6 +47,6 @@ def scatter_refusal(displacement_mm: float, pitch_mm: float) -> str | None:
     return (
         f"directions = 8 at displacement_mm = {displacement_mm:g} mm: parts that a line places scatter by {PLACEMENT_MM:g} mm "
         f"along each axis, and {100.0 * errors:.1f} % of them would show a neighbouring direction, more than "
-        f"{100.0 * MOST_SYMBOL_ERRORS:g} %; use {least}, a printed element "
-        "(--part block --process sla), or --directions 4"
+        f"{100.0 * MOST_SYMBOL_ERRORS:g} %; use {least}, or --directions 4, "
+        f"or a printed element, --part block --process sla{of_film}"
     )

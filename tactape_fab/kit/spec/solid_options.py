@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from tactape_fab.base.errors import tried
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.profiles import LARGEST_BODY_MM, LEAST_BODY_MM, ElementProfile, PartProfile, element_problem, load_process
 from tactape_fab.kit.profiles.parts import solid_elements
+from tactape_fab.kit.spec.film_options import FILM_KEYS, FLAGS
 from tactape_fab.solids.forms import AXES, DEFAULT_BASE_MM, SHELLS, TOPS
 from tactape_fab.texture.frames import snap_mm
 
@@ -35,6 +37,13 @@ _OF_MODELS = ("process", "base_mm", "top", "cylinder_mm", "around", "shell")
 _OF_A_CYLINDER = ("around", "shell")
 
 Part = PartProfile | ElementProfile
+
+
+def without_film(values: Mapping[str, Any]) -> str:
+    """Given options that a solid element cannot have, as words of a remedy: `` without --fab, --no-3d``; "" if there are none."""
+    keys = [key for key in (*_OF_A_FILM, *FILM_KEYS, "tag") if values.get(key, "none") != "none"]
+    options = [OPTIONS.get(key, FLAGS.get(key, f"--{key}")) for key in keys] + ["--no-3d"] * (values.get("models") is False)
+    return f" without {', '.join(options)}" if options else ""
 
 
 def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:

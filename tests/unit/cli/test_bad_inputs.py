@@ -85,9 +85,7 @@ OPTIONS = [
         "exceeds 5062.5 mm, the reach of code 'microdots-4x4' at pitch 1.5 mm",
         "use --code debruijn-4x4 or a smaller tape",
     ),
-    Case(
-        "make --sector 7 --size 100x5600", USAGE, "--size = '100x5600': 5600.0 mm", "exceeds 5062.5 mm", "use --code debruijn-4x4"
-    ),
+    Case("make --sector 7 --size 100x5600", USAGE, "--size = '100x5600': 5600.0 mm", "exceeds 5062.5 mm", "use --code anoto-6x6"),
     Case("make --sector 7 --code debruijn-4x4 --size 6500x50", USAGE, "6500.0 mm", "exceeds 6144.0 mm", "use --code anoto-6x6"),
     Case("make --sector 7 --size 9000x50", USAGE, "9000.0 mm", "exceeds 5062.5 mm", "use --code anoto-6x6"),
     Case(
@@ -182,6 +180,7 @@ OPTIONS = [
     Case("make --sector 7 --stiffener FR4:0.2 --fab generic-fr4", USAGE, "'FR4:0.2'", "has none", "leave out --stiffener"),
     Case("make --sector 7 --adhesive glue:1", USAGE, "--adhesive = 'glue:1'", "3M468:0.13", "give one of them"),
     Case("make --sector 7 --bend-axis x", USAGE, "--bend-axis = 'x'", "has no effect alone", "--bend-radius MM"),
+    Case("make --sector 7 --bend-radius 0.05", USAGE, "--bend-radius = 0.05 mm", "is below 0.1 mm", "0.1 to 100000 mm"),
     Case("make --sector 7 --bend-radius 20", USAGE, "--bend-radius = 20", "has no effect alone", "--bend-axis x or y"),
     Case("make --sector 7 --bend-axis z --bend-radius 20", USAGE, "--bend-axis = 'z'", "x, y", REMEDY),
     Case("make --sector 7 --bend-axis x --bend-radius -1", USAGE, "-1 mm", "below 0.1 mm", "--bend-radius is the radius"),

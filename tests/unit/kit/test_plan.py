@@ -471,3 +471,12 @@ def test_a_corner_that_cuts_into_the_tag_is_refused(radius_mm: float) -> None:
         tape_of(size_mm=(60.0, 30.0), corner_radius_mm=radius_mm)
     assert caught.value.problems[0].key == "corner_radius_mm"
     assert tape_of(size_mm=(60.0, 30.0), corner_radius_mm=radius_mm, tag="none").tag is None
+
+
+@pytest.mark.parametrize(("edge_mm", "ways"), [(0.3, "use --corner-radius 1.7, or --tag none"), (0.6, "use --tag none")])
+def test_a_tag_too_near_to_straight_sides_is_not_told_to_have_other_corners(edge_mm: float, ways: str) -> None:
+    """The ring is half a millimetre from the left side, where no corner's radius helps."""
+    fab = replace(FAB, legend=replace(FAB.legend, edge_mm=edge_mm))
+    with pytest.raises(SpecError) as caught:
+        plan(TapeSpec(sector=7, size_mm=(60.0, 30.0), corner_radius_mm=3.0), fab, PART)
+    assert str(caught.value).endswith(f"mm inside the outline; {ways}")

@@ -251,3 +251,54 @@ def test_equal_windows_have_a_remedy_that_was_not_taken_yet(origin: dict[str, st
     found = examine({"sector": 0, "code": "debruijn-4x4", "size_mm": [300.0, 200.0], "models": False, **origin}).findings
     (said,) = [f.message for f in found if f.rule == "windows"]
     assert said.endswith(f"rely on contacts of at least 5 x 5 parts, or use {remedy}")
+
+
+# What is measured beside what is refused
+
+
+def test_rules_are_told_beside_a_size_that_is_too_small_for_a_large_tag() -> None:
+    """A strip with a tag of 45 mm and one window fit on no 100 x 50 either."""
+    refusal = refusal_of({"sector": 7, "size_mm": [30.0, 24.0], "tag_cell_mm": 5.0, "part": "r0402"})
+    assert [problem.root for problem in refusal.problems] == ["size_mm"]
+    assert {"pad-pad", "models"} <= {finding.rule for finding in refusal.findings}
+
+
+def test_no_rule_is_told_of_a_substitute_s_outline(here: Path) -> None:
+    (here / "mine.toml").write_text(
+        'name = "mine"\nextends = "generic-fpc"\n[size]\nlevel = "block"\nlargest_mm = [60.0, 40.0]\n'
+        '[parts]\nlevel = "block"\n[limits]\ncorner-radius.level = "block"\ncorner-radius.value_mm = 2.0\n'
+    )
+    values = {"sector": 7, "fab": "mine.toml", "models": False, "pitch_mm": 1.0}
+    of_outline = {"size", "part-count", "corner-radius"}
+    for more, kept in (({"size_mm": [5.0, 5.0]}, set()), ({"corner_radius_mm": 5.0}, {"size", "part-count"})):
+        refusal = refusal_of({**values, **more})
+        assert {finding.rule for finding in refusal.findings} & of_outline == kept
+        assert "body-body" in {finding.rule for finding in refusal.findings}
+
+
+def test_models_may_be_left_out_unless_they_have_a_process() -> None:
+    values: dict[str, Any] = {"sector": 7, "part": "r0402", "size_mm": [60.0, 40.0]}
+    said = {
+        process: next(f.message for f in examine({**values, "process": process}).findings if f.rule == "models")
+        for process in (None, "cnc")
+    }
+    assert said == {None: f"{said['cnc']}, or --no-3d", "cnc": said["cnc"]}
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"size_mm": [6000.0, 20.0], "sector": 16}, "use --code anoto-6x6 or a smaller tape"),
+        ({"size_mm": [5600.0, 20.0], "sector": 7}, "use --code debruijn-4x4 or a smaller tape"),
+        ({"size_mm": [9900.0, 300.0], "sector": 7}, "use a smaller tape"),  # more points than a tape may have
+        ({"size_mm": [500.0, 200.0], "code": "touch-1"}, "use a smaller --size, or --code microdots-4x4"),
+        ({"size_mm": [500.0, 200.0], "code": "touch-1", "directions": 8, "part": "dome"}, "use a smaller --size"),
+        ({"size_mm": [500.0, 200.0], "code": "touch-1", "sector": 4000, "tag": "none"}, "use a smaller --size"),
+    ],
+    ids=str,
+)
+def test_a_code_is_named_that_holds_the_tape(values: dict[str, Any], says: str) -> None:
+    refusal = refusal_of({"sector": 7, **values})
+    assert [line for line in str(refusal).splitlines() if line.endswith(f"; {says}")]
+    if "--code" in says:
+        assert examine({"sector": 7, **values, "code": says.partition("--code ")[2].split()[0]}).tape.part_count > 0

@@ -446,3 +446,21 @@ def test_a_board_is_too_long_by_the_side_that_is(size_mm: tuple[float, float], s
     said = size_finding(size_mm, FAB)
     assert not said.passed
     assert said.value == sorted(size_mm, reverse=True)[side] and said.limit == FAB.size.largest_mm[side]
+
+
+@pytest.mark.parametrize(("limit_mm", "tag", "says"), [(1.5, "strip", ""), (2.5, "strip", " --tag none"), (2.5, "none", "")])
+def test_corners_that_would_cut_into_the_tag_take_it_away(limit_mm: float, tag: str, says: str) -> None:
+    spec = TapeSpec(sector=7, size_mm=(60.0, 30.0), tag=tag)
+    fab = replace(FAB, limits={**FAB.limits, "corner-radius": replace(FAB.limits["corner-radius"], value_mm=limit_mm)})
+    finding = by_rule(check(build_layout(plan(spec, FAB, PART), spec, FAB, PART), fab, spec))["corner-radius"]
+    assert finding.message.endswith(f"; use --corner-radius {limit_mm:g}{says}")
+
+
+def test_a_hole_that_is_made_wider_stays_within_the_outline() -> None:
+    board = Board(
+        size_mm=(60.0, 30.0), texture_origin_mm=(3.0, 27.0), corner_radius_mm=1.0, thickness_mm=0.1, holes=((20, 29.6, 0.05),)
+    )
+    fab = replace(FAB, limits={**FAB.limits, "hole-size": replace(FAB.limits["hole-size"], value_mm=2.0)})
+    (finding,) = (f for f in hole_rules(board, fab, "film") if f.rule == "hole-size")
+    x, y, diameter = map(float, re.findall(r"--hole ([\d.]+),([\d.]+),([\d.]+) in its place", finding.message)[0])
+    assert (x, diameter) == (20.0, 2.0) and y + diameter / 2 <= 30.0 - FAB.limits["hole-edge"].value_mm
