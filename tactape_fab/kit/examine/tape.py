@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar, cast
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, independent, refusal, tried
@@ -309,11 +310,13 @@ def _planned(
     board = board if "size_mm" in refused else {key: value for key, value in board.items() if key in refused}
     spec = spec.with_values(**board, sector=0, origin=(0, 0))
     spec = spec.with_values(size_mm=profiles.size_mm(spec)) if "size_mm" in refused else spec
-    substitute = tried(lambda: profiles.plan(spec, None), [])
-    if substitute is None:
-        spec = spec.with_values(code=DEFAULT_CODE, directions=USUAL_DIRECTIONS)
-        substitute = tried(lambda: profiles.plan(spec), [])
-    return spec, substitute, None
+    # the tag may be too near to straight sides, the board too large for a designed code
+    for without in ({}, {"tag": "none", "tag_id": None}, {"code": DEFAULT_CODE, "directions": USUAL_DIRECTIONS}):
+        other = spec.with_values(**without)
+        substitute = tried(partial(profiles.plan, other, None), [])
+        if substitute is not None:
+            return other, substitute, None
+    return spec, None, None
 
 
 def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape]) -> tuple[Finding, ...]:

@@ -263,6 +263,13 @@ def test_rules_are_told_beside_a_size_that_is_too_small_for_a_large_tag() -> Non
     assert {"pad-pad", "models"} <= {finding.rule for finding in refusal.findings}
 
 
+def test_rules_are_told_beside_a_tag_that_no_corners_let_in(here: Path) -> None:
+    (here / "mine.toml").write_text('name = "mine"\nextends = "generic-fpc"\n[legend]\nedge_mm = 3.0\n')
+    refusal = refusal_of({"sector": 7, "fab": "mine.toml", "pitch_mm": 1.0})
+    assert [problem.root for problem in refusal.problems] == ["corner_radius_mm"]
+    assert "body-body" in {finding.rule for finding in refusal.findings}
+
+
 def test_no_rule_is_told_of_a_substitute_s_outline(here: Path) -> None:
     (here / "mine.toml").write_text(
         'name = "mine"\nextends = "generic-fpc"\n[size]\nlevel = "block"\nlargest_mm = [60.0, 40.0]\n'
