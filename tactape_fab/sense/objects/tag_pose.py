@@ -14,8 +14,20 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.objects.tag_fit import Fitted, Seen, View, correlation, fit_at, fitted, hits, pixels, residual
-from tactape_fab.sense.objects.tag_view import camera_arrays, camera_to_texture, rays_of, tag_of, tag_side_mm
+from tactape_fab.sense.objects.tag_fit import (
+    Pose,
+    Seen,
+    View,
+    correlation,
+    fit_at,
+    fitted,
+    hits,
+    pixels,
+    posed,
+    residual,
+    to_cells_of,
+)
+from tactape_fab.sense.objects.tag_view import TAG_CELLS, camera_arrays, camera_to_texture, rays_of, tag_of, tag_side_mm
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
@@ -28,20 +40,24 @@ _DISTANCES = tuple(1.06**k for k in range(-5, 6))
 """Distances that are tried then, 0.75 to 1.34 of the start's: a side that is that of the light ring, 10 cells for 8, is 1.25."""
 _MOST_MOVED_CELLS = 0.5
 """Farthest that a corner moves by the fit without another fit, to the pixels of the tag where it is then."""
+_LEAST_LOOK = 0.5
+"""Correlation below which nothing is fitted: a tag has 0.94 and more at the best of `_DISTANCES`, what is none 0.33 and less."""
 _LEAST_FIT = 0.85
 """Least correlation: poses that came to rest beside the tag had 0.82 and less, right ones 0.86 in noise of 2 levels at a contrast
 of 15."""
 _LEAST_AGREEMENT = 0.985
 """Least correlation without noise. Right poses had 0.992 and more in noise, low contrast, uneven light, JPEG's and a camera's own
 sharpening, 0.986 with a blur of half a cell; with a tenth of one side covered, 7 to 20 degrees off, they had 0.91 to 0.994. Of
-25 pictures with all of these faults at once 3 right poses are refused, at tilts of 40 to 58 degrees."""
+25 pictures with all of these faults at once 1 right pose is refused."""
 _MOST_OFF = 0.2
 """Largest mean difference of a spot of two by two cells from the printed tag, as a fraction of the contrast: 0.11 at right poses
 in noise of a tenth of it, 0.21 and more at 58 of 59 wrong ones of partly covered tags."""
+_MOST_BORDER_CELLS = 0.08
+"""Most that half a side of the border lies beside its place: 0.067 at 344 of 345 right poses in blur, noise, uneven light, JPEG;
+more at 147 of 150 tags of which 0.07 to 0.1 was covered along a side by something as light as the ring, which were up to 75
+degrees off; the other three were within 2."""
 _SAME_RAD = 0.01
 """Fits of both tilts that end nearer to each other have found the same pose."""
-_Start = tuple[FloatArray, FloatArray]
-"""Initial rotation and translation of a tag."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,18 +87,35 @@ class TagPose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitted:
+    """A pose; correlation of the picture with the tag there; the picture's blur; by how many cells light areas have grown.
+
+    border_cells: Most that a side of the border lies further in or out than the other edges say.
+    p_mirrored: As that of `TagPose`.
+    """
+
+    rotation: FloatArray
+    translation_mm: FloatArray
+    fit: float
+    blur_px: float
+    grown_cells: float
+    border_cells: float
+    p_mirrored: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Checked:
     """A pose, its correlation without the picture's noise, and how far its worst spot is off, as a fraction of the contrast."""
 
     pose: Fitted
-    p_mirrored: float
     agreement: float
     worst: float
 
     @property
     def shown(self) -> bool:
         """Whether the picture shows the tag at this pose, all of it."""
-        return self.agreement >= _LEAST_AGREEMENT and self.pose.fit >= _LEAST_FIT and self.worst <= _MOST_OFF
+        like = self.agreement >= _LEAST_AGREEMENT and self.pose.fit >= _LEAST_FIT
+        return like and self.worst <= _MOST_OFF and self.pose.border_cells <= _MOST_BORDER_CELLS
 
 
 def refine_tag_pose(
@@ -137,7 +170,10 @@ def refine_tag_pose(
     best = _found(view, _starts(turn, shift, tag_side_mm(tape), matrix, lens), tag_side_mm(tape))
     if not best.shown:
         found = f"correlation {best.pose.fit:.3f}, at least {_LEAST_FIT:g}; without noise {best.agreement:.3f}, at least "
-        found += f"{_LEAST_AGREEMENT:g}; worst spot off by {best.worst:.0%} of the contrast, at most {_MOST_OFF:.0%}"
+        found += (
+            f"{_LEAST_AGREEMENT:g}; worst spot off by {best.worst:.0%} of the contrast, at most {_MOST_OFF:.0%}; border off by "
+        )
+        found += f"{max(best.pose.border_cells, 0.0):.2f} cells, at most {_MOST_BORDER_CELLS:g}"
         raise FrameError(
             f"the picture does not show all of tag {tag.id} there ({found}); give a picture in which nothing covers it, and the "
             "detector's own pose of this tag, in mm, with x right and y down on it as AprilTag has them"
@@ -148,28 +184,30 @@ def refine_tag_pose(
         translation_mm=pose.translation_mm,
         fit=pose.fit,
         blur_px=pose.blur_px,
-        p_mirrored=best.p_mirrored,
+        p_mirrored=pose.p_mirrored,
     )
 
 
-def _found(view: View, groups: list[list[_Start]], side_mm: float) -> _Checked:
+def _found(view: View, starts: list[Pose], side_mm: float) -> _Checked:
     """The best pose from the starts, and where it does not show the tag from those nearer and farther away, too.
 
     A single fit finds the tag from a start up to 5 % too near or too far, edges of its rim being half a cell off beyond.
     """
     first: _Checked | None = None
     try:
-        first = _from_starts(view, groups, side_mm)
-        if first.shown:
+        first = _from_starts(view, starts, side_mm)
+        # what is like the tag as it is there is not so from elsewhere, covered or not
+        if first.shown or first.pose.fit >= _LEAST_FIT:
             return first
     except FrameError as error:
         refused = error
-    wider = [[(turn, factor * shift) for turn, shift in starts] for starts in groups for factor in _DISTANCES]
+    nearer_and_farther = [(turn, factor * shift) for turn, shift in starts for factor in _DISTANCES]
     try:
-        coarse, _ = _best(view, *_likeliest(view, wider, _COARSE_CELLS))
-        if coarse.fit < _LEAST_FIT:
+        look, seen, start = _likeliest(view, nearer_and_farther, _COARSE_CELLS)
+        if look < _LEAST_LOOK:
             raise FrameError("the picture does not show the tag nearer or farther away, either")
-        second = _from_starts(view, _starts(coarse.rotation, coarse.translation_mm, side_mm, view.matrix, None), side_mm)
+        coarse = _best(view, seen, start)
+        second = _from_starts(view, [(coarse.rotation, coarse.translation_mm)], side_mm)
     except FrameError:
         if first is None:
             raise refused from None
@@ -177,18 +215,18 @@ def _found(view: View, groups: list[list[_Start]], side_mm: float) -> _Checked:
     return max(filter(None, (first, second)), key=lambda found: (found.shown, found.agreement))
 
 
-def _from_starts(view: View, groups: list[list[_Start]], side_mm: float) -> _Checked:
-    """The best pose from the likeliest starts. Raises FrameError if the picture does not show the whole tag there."""
-    seen, starts = _likeliest(view, groups, _SMOOTHING_CELLS)
-    found, p_mirrored = _best(view, seen, starts)
-    turn, shift = found.rotation, found.translation_mm
+def _from_starts(view: View, starts: list[Pose], side_mm: float) -> _Checked:
+    """The best pose from the likeliest start. Raises FrameError if the picture does not show the whole tag there."""
+    _, seen, start = _likeliest(view, starts, _SMOOTHING_CELLS)
+    found = _best(view, seen, start)
+    there = found.rotation, found.translation_mm
     # pixels are those of the start: of 40 tags up to 3 cells beside it two were fitted to a part, 38 and 69 degrees off
-    if _moved_cells(view, side_mm, starts[0], (turn, shift)) > _MOST_MOVED_CELLS:
-        found, p_mirrored = _best(view, *_likeliest(view, _starts(turn, shift, side_mm, view.matrix, None), _SMOOTHING_CELLS))
-    return _checked(view, found, p_mirrored)
+    if found.fit > 0.0 and _moved_cells(view, side_mm, start, there) > _MOST_MOVED_CELLS:
+        found = _best(view, pixels(view, *there, _SMOOTHING_CELLS), there)
+    return _checked(view, found)
 
 
-def _moved_cells(view: View, side_mm: float, before: _Start, after: _Start) -> float:
+def _moved_cells(view: View, side_mm: float, before: Pose, after: Pose) -> float:
     """How far a tag's corners have moved in the picture, in its cells."""
     places = [_square(side_mm) @ turn.T + shift for turn, shift in (before, after)]
     moved = places[0][:, :2] / places[0][:, 2:] - places[1][:, :2] / places[1][:, 2:]
@@ -200,53 +238,60 @@ def _square(side_mm: float) -> FloatArray:
     return np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
 
 
-def _likeliest(view: View, groups: list[list[_Start]], smoothing_cells: float) -> tuple[Seen, list[_Start]]:
-    """The group of starts at which the picture is most like the tag, with its pixels. Raises FrameError if none has any."""
-    looks: list[tuple[float, Seen, list[_Start]]] = []
-    for starts in groups:
+def _likeliest(view: View, starts: list[Pose], smoothing_cells: float) -> tuple[float, Seen, Pose]:
+    """The start at which the picture is most like the tag: correlation there, and pixels. Raises FrameError if none has any."""
+    looks: list[tuple[float, Seen, Pose]] = []
+    for start in starts:
         try:
-            seen = pixels(view, *starts[0], smoothing_cells)
+            seen = pixels(view, *start, smoothing_cells)
         except FrameError as error:
             refused = error
             continue
-        looks.append((max(fit_at(seen, view, *start) for start in starts), seen, starts))
+        looks.append((fit_at(seen, view, *start), seen, start))
     if not looks:
         raise refused
-    return max(looks, key=lambda look: look[0])[1:]
+    return max(looks, key=lambda look: look[0])
 
 
-def _best(view: View, seen: Seen, starts: list[_Start]) -> tuple[Fitted, float]:
-    """The better of the poses that both tilts lead to, and the probability that it is the other one."""
-    fits = sorted((fitted(seen, view, *start) for start in starts), key=lambda found: found.fit)
-    best, other = fits[-1], fits[0]
+def _best(view: View, seen: Seen, start: Pose) -> Fitted:
+    """The better of both tilts at which the tag is seen nearly so."""
+    flat, square, count = fitted(seen, view, *start), _square(TAG_CELLS * view.cell_mm), len(seen.levels)
+    corners = np.column_stack([square[:, :2] / view.cell_mm, np.ones(4)]) @ np.linalg.inv(flat.to_cells).T
+    found = [posed(flat, count, view.cell_mm, *tilt) for tilt in _tilts(square, corners[:, :2] / corners[:, 2:])]
+    (pose, squares), (other, more) = sorted(found, key=lambda one: one[1])
     # the angle of a turn by its trace, 1 + 2 cos
-    apart = np.arccos(np.clip((np.trace(best.rotation.T @ other.rotation) - 1.0) / 2.0, -1.0, 1.0))
-    if apart < _SAME_RAD or not best.fit < 1.0:
-        return best, 0.0
-    # a pixel's noise is normal and its size is estimated: ln L is - n / 2 ln of the sum of squares, which is as 1 - fit^2
-    gain = len(seen.levels) / 2.0 * np.log((1.0 - other.fit**2) / (1.0 - best.fit**2))
-    return best, float(1.0 / (1.0 + np.exp(min(gain, 700.0))))
+    apart = np.arccos(np.clip((np.trace(pose[0].T @ other[0]) - 1.0) / 2.0, -1.0, 1.0))
+    # a pixel's noise is normal and its size is estimated: ln L is - n / 2 ln of the sum of squares
+    gain = count / 2.0 * np.log(more / squares) if squares > 0.0 else np.inf
+    off, contrast = residual(seen, view, to_cells_of(*pose, view.cell_mm), flat.blur_cells, flat.grown_cells)
+    return Fitted(
+        rotation=pose[0],
+        translation_mm=pose[1],
+        fit=correlation(seen, off, contrast),
+        blur_px=sqrt(max((flat.blur_cells * seen.px_per_cell) ** 2 - seen.smoothed_px**2, 0.0)),
+        grown_cells=flat.grown_cells,
+        border_cells=flat.border_cells,
+        p_mirrored=0.0 if apart < _SAME_RAD else float(1.0 / (1.0 + np.exp(min(gain, 700.0)))),
+    )
 
 
 def _starts(
     rotation: FloatArray, translation_mm: FloatArray, side_mm: float, matrix: FloatArray, lens: FloatArray | None
-) -> list[list[_Start]]:
-    """The pose itself, and the other one with a similar image of a small square; both again for a detector without the lens."""
+) -> list[Pose]:
+    """The pose itself, and with a lens that of a detector without it."""
     square = _square(side_mm)
     points = square @ rotation.T + translation_mm
     if not (points[:, 2] > 0.0).all():
         raise FrameError("the tag is not wholly in front of the camera; give the detector's own pose")
-    seen = points[:, :2] / points[:, 2:]
-    tilts = _tilts(square, seen)
-    apart = [np.abs(turn - rotation).max() for turn, _ in tilts]
-    starts = [[(rotation, translation_mm), tilts[int(np.argmax(apart))]]]
+    starts = [(rotation, translation_mm)]
     if lens is not None:
         # AprilTag's pose is that of a pinhole camera: its corners are where the picture has them, seen through the lens
-        starts.append(_tilts(square, rays_of(seen * matrix[[0, 1], [0, 1]] + matrix[:2, 2], matrix, lens)[:, :2]))
+        seen = points[:, :2] / points[:, 2:] * matrix[[0, 1], [0, 1]] + matrix[:2, 2]
+        starts += _tilts(square, rays_of(seen, matrix, lens)[:, :2])
     return starts
 
 
-def _tilts(square: FloatArray, seen: FloatArray) -> list[_Start]:
+def _tilts(square: FloatArray, seen: FloatArray) -> list[Pose]:
     """Both tilts at which a square seen from afar looks nearly alike, by IPPE (Collins and Bartoli, 2014)."""
     cv2 = library("cv2", "fitting a tag to a picture")
 
@@ -254,30 +299,28 @@ def _tilts(square: FloatArray, seen: FloatArray) -> list[_Start]:
     return [(np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
 
 
-def _checked(view: View, found: Fitted, p_mirrored: float) -> _Checked:
-    """A pose held against the pixels of the tag where it is now, as the picture has them. Raises FrameError as `_pixels` does."""
-    turn, shift = found.rotation, found.translation_mm
-    seen = pixels(view, turn, shift, 0.0)
-    blur_cells = max(found.blur_px, 0.2) / seen.px_per_cell
-    off, contrast = residual(seen, view, turn, np.array([0.0, 0.0, 0.0, *shift, np.log(blur_cells), found.grown_cells]))
+def _checked(view: View, found: Fitted) -> _Checked:
+    """A pose held against the pixels of the tag where it is now, as the picture has them. Raises FrameError as `pixels` does."""
+    seen = pixels(view, found.rotation, found.translation_mm, 0.0)
+    to_cells = to_cells_of(found.rotation, found.translation_mm, view.cell_mm)
+    off, contrast = residual(seen, view, to_cells, max(found.blur_px, 0.2) / seen.px_per_cell, found.grown_cells)
     fit = correlation(seen, off, contrast)
     if fit == 0.0:
-        return _Checked(pose=found, p_mirrored=p_mirrored, agreement=0.0, worst=1.0)
+        return _Checked(pose=found, agreement=0.0, worst=1.0)
     # differences of neighbours in a row, which are next to each other: noise of the picture, where the misfit changes slowly
     steps = np.diff(off)[np.diff(seen.light[:, 2]) == 0.0]
     noise = min(float(steps @ steps) / (2 * len(steps)) / float(off @ off / len(off)), 1.0) if len(steps) else 0.0
     return _Checked(
         pose=found,
-        p_mirrored=p_mirrored,
         # a large tag is smoothed for the fit, which takes out what a camera's sharpening adds to its edges
         agreement=max(sqrt(1.0 - (1.0 - fit**2) * (1.0 - noise)), found.fit),
-        worst=_worst_spot(view, hits(seen, turn, shift), off / (seen.light @ contrast)),
+        worst=_worst_spot(hits(seen, to_cells), off / (seen.light @ contrast)),
     )
 
 
-def _worst_spot(view: View, hit_mm: FloatArray, share: FloatArray) -> float:
+def _worst_spot(cells: FloatArray, share: FloatArray) -> float:
     """Largest mean over a spot of two by two cells of what pixels differ from the tag: noise of single pixels goes out."""
-    cell = np.floor(hit_mm / view.cell_mm + SIDE_CELLS / 2).astype(int)
+    cell = np.floor(cells + SIDE_CELLS / 2).astype(int)
     inside = ((cell >= 0) & (cell < SIDE_CELLS)).all(axis=1)
     index = cell[inside, 0] * SIDE_CELLS + cell[inside, 1]
     tables = (np.bincount(index, weights, SIDE_CELLS**2).reshape(SIDE_CELLS, -1) for weights in (None, share[inside]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -197,12 +198,40 @@ def test_light_that_falls_across_the_tag_leaves_its_pose() -> None:
     assert np.abs(found.rotation - np.eye(3)).max() < 0.01
 
 
-@pytest.mark.parametrize(("level", "share"), [(0, 0.1), (128, 0.2), (255, 0.15)])
+@pytest.mark.parametrize(("seed", "most_deg"), [(3, 1.0), (6, 0.5)])
+def test_a_small_tag_is_found_along_the_valley_of_its_tilts(seed: int, most_deg: float) -> None:
+    """From a start 3 % too far, as detectors have it, a pose's own fit was 11.5 and 0.9 degrees off after 40 steps."""
+    of, rng = camera.printed(0.5), np.random.default_rng(seed)
+    turn, shift = camera.draw_pose(of.tape, rng)
+    found = refine_tag_pose(of.tape, camera.photograph(of, turn, shift, rng), turn, 1.03 * shift, camera.CAMERA)
+    assert np.degrees(np.arccos((np.trace(found.rotation.T @ turn) - 1.0) / 2.0)) < most_deg
+
+
+@pytest.mark.parametrize("kind", ["noise", "checks", "covered"])
+def test_a_refusal_is_a_few_hundred_looks_at_the_tag(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 2400 and 4100 each took a millisecond."""
+    of, picture, matrix, there = from_above(6)
+    shown = {
+        "noise": np.random.default_rng(1).integers(0, 255, picture.shape).astype(np.uint8),
+        "checks": (255 * (np.indices(picture.shape) // 9).sum(axis=0) % 510).astype(np.uint8),
+        "covered": np.where(np.arange(len(picture)) > 62, 255, picture).astype(np.uint8),
+    }[kind]
+    remap = Mock(wraps=cv2.remap)
+    monkeypatch.setattr(cv2, "remap", remap)
+    with pytest.raises(FrameError, match="does not show all of tag 7"):
+        refine_tag_pose(of, shown, np.eye(3), there, matrix)
+    assert 5 < remap.call_count < 400
+
+
+@pytest.mark.parametrize(("level", "share"), [(0, 0.1), (128, 0.2), (220, 0.08), (255, 0.07), (255, 0.1), (255, 0.15)])
 def test_a_tag_that_is_partly_covered_is_refused(level: int, share: float) -> None:
     of, picture, matrix, there = from_above(6)
     covered = picture.copy()
     covered[:, round((0.5 + 9 / 14 * (0.5 - share)) * len(picture)) :] = level
-    with pytest.raises(FrameError, match=r"does not show all of tag 7 .*worst spot off by \d+% .*in which nothing covers it"):
+    with pytest.raises(
+        FrameError,
+        match=r"does not show all of tag 7 .*spot off by \d+% .*border off by 0\.\d\d cells.*in which nothing covers it",
+    ):
         refine_tag_pose(of, covered, np.eye(3), there, matrix)
     assert refine_tag_pose(of, picture, np.eye(3), there, matrix).fit > 0.99
 
