@@ -108,7 +108,7 @@ def camera_table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(out) + "\n"
 
 
-POSES = {"detector": "the detector's", "refined": "refined", "ten refined": "mean of ten refined"}
+POSES = {"detector": "the detector's", "refined": "refined", "ten refined": "median of ten refined"}
 MEASURES = {"motions": measure_motions, "traps": measure_traps, "slips": measure_slips, "camera": measure_camera}
 TABLES = {
     "motions": ("motions", motions_table),
