@@ -29,7 +29,9 @@ def test_the_worst_spot_is_two_by_two_cells_that_are_off_wherever_they_are(corne
     # noise of single pixels goes out, and what lies beside the tag does not count
     noisy = share + 0.5 * (-1.0) ** np.arange(len(places))
     assert _worst_spot(places, noisy) == pytest.approx(0.3, abs=0.06)
-    assert _worst_spot(np.vstack([places, [(6.0, 0.0), (0.0, -6.0)]]), np.append(share, [9.0, 9.0])) == pytest.approx(0.3)
+    assert _worst_spot(np.vstack([places, [(5.5, 0.0), (0.0, -5.5), (0.0, 5.5)]]), np.append(share, [9.0] * 3)) == pytest.approx(
+        0.3
+    )
 
 
 def test_spots_of_few_pixels_are_none_and_a_tag_of_none_is_all_off() -> None:
