@@ -226,6 +226,13 @@ def test_covariances_are_those_of_the_full_system(held: tuple[str, ...]) -> None
         assert np.abs((found.poses_anew[k] - anew) / np.outer(spread, spread)).max() < 0.02
 
 
+def test_k1_stays_open_where_the_gel_is_displaced_however_many_presses() -> None:
+    """What presses have alike, as the draw of a rim, they keep: four times as many once had half the standard deviation of k1."""
+    moved = Errors(dot_mm=0.003, gel_mm=0.06, correlation_mm=4.0)
+    few, many = (solve(problem_of(many_presses(n)[0], OBLONG, moved)).covariance[3, 3] for n in (7, 28))
+    assert 0.5 < many / few < 1.0
+
+
 def test_dots_that_do_not_agree_are_left_out_and_presses_of_few_dots() -> None:
     presses, _ = many_presses(4)
     problem = problem_of(presses, OBLONG, ERRORS)
