@@ -27,6 +27,7 @@ from tactape_fab.sense.calibrate.posedness import (
     checked_frames,
     corner_sigma_um,
     frame_fault,
+    of_two_kinds,
     refuse_few,
     refuse_unspread,
     remarks_of,
@@ -186,7 +187,7 @@ def _adjusted(
     progress: Callable[[str, int, int], None],
     posed: Collection[int] = (),
 ) -> tuple[list[Press], Bundle, Estimate, list[int], list[str]]:
-    """Presses, camera, errors of dots, the frames that touch nothing, and a remark on those that show a press again.
+    """Presses, camera, errors of dots, frames that touch nothing, and remarks on those of a press again or of another profile.
 
     Frames are located and adjusted by turns, then by their pixels.
 
@@ -225,7 +226,7 @@ def _adjusted(
         better = adjust(fine, bundle.sensor, partial(progress, "pixels: adjustments"))
         if better[2].errors.dot_mm < estimate.errors.dot_mm:
             kept, bundle, estimate = better
-    return kept, bundle, estimate, empty, held
+    return kept, bundle, estimate, empty, [*held, *of_two_kinds(answers)]
 
 
 def adjust(

@@ -13,13 +13,14 @@ import numpy.typing as npt
 
 from tactape_fab.sense.calibrate.held import at_one_place
 from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_size, with_depth, with_mask
-from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault, without_repeats
+from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault, of_two_kinds, without_repeats
 from tactape_fab.sense.calibrate.presses import Frame
 from tactape_fab.sense.calibrate.valid import valid_pixels
 from tactape_fab.sense.decode.dots.frame_dots import detected
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import SOLID_DOTS, Localization
 from tactape_fab.sense.decode.rule import GOOD_TRUST
+from tactape_fab.sense.decode.wrong_profile import IN_PROFILE
 from tactape_fab.sense.files.jobs import at_scale, by_scale_of_file, of_file_scale
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
@@ -98,15 +99,21 @@ def look_at_frames(
         for k, (n, fix) in enumerate(zip(dots, answers, strict=True))
     )
     found = sum(fix.located for fix in answers)
+    mixed = of_two_kinds(answers)
+    wrong += mixed
     # a frame without contact is no fault
-    reasons = Counter(fix.reason for fix in answers if fix.reason is not None and fix.n_dots >= SOLID_DOTS)
+    reasons = Counter(
+        fix.reason
+        for fix in answers
+        if fix.reason is not None and fix.n_dots >= SOLID_DOTS and not (mixed and IN_PROFILE in fix.reason)
+    )
     wrong += [f"{count} of {len(images)} frames: {reason}" for reason, count in _named(reasons)]
     if found == 0:
         problems = _of_profile(images, tapes, sensor, max(fix.n_dots for fix in answers))
         wrong.append(problems if px_per_mm is None else of_file_scale(problems))
     # what is there twice is one press
     own = [fix for fix, image in zip(answers, once, strict=True) if np.isfinite(image).any()]
-    return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(own, wrong))
+    return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(own, wrong, bool(mixed)))
 
 
 def _of_values(images: Sequence[Frame], seen: BoolArray | None) -> list[str]:
@@ -155,11 +162,13 @@ def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorPr
     return f"the tape is seen with another profile: set {', '.join(changes)} in the sensor profile, or calibrate"
 
 
-def _next_step(answers: Sequence[Localization], wrong: Sequence[str]) -> str:
+def _next_step(answers: Sequence[Localization], wrong: Sequence[str], mixed: bool) -> str:
     found, places = sum(fix.located for fix in answers), _places(answers)
     said = f"{found} of {len(answers)} frames are located"
     if places >= LEAST_PRESSES:
         return f"{said}: run tactape-fab calibrate with them"
+    if mixed:
+        return f"{said}: give frames of one kind alone, some ten presses of it, then run tactape-fab calibrate with them"
     if wrong and found == 0:
         return "run tactape-fab calibrate with some ten presses: it finds sign, mirror and px/mm itself"
     # frames of one press that is held are one press

@@ -20,6 +20,7 @@ from tactape_fab.sense.calibrate.presses import Frame, Press
 from tactape_fab.sense.calibrate.result import HeldOut
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import SOLID_DOTS, Localization
+from tactape_fab.sense.decode.wrong_profile import IN_PROFILE
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
@@ -136,6 +137,20 @@ def unseen(images: Sequence[Frame], bad: Sequence[str], tapes: Sequence[Tape], l
     return Problem("frames", message + (f"; {'; '.join(bad[:3])}" if bad else ""))
 
 
+def of_two_kinds(answers: Sequence[Localization]) -> list[str]:
+    """The remark on frames that would be located by another profile than those that are, as of a recording half mirrored."""
+    located = sum(fix.located for fix in answers)
+    others = [fix.reason for fix in answers if fix.reason is not None and IN_PROFILE in fix.reason]
+    if not (located and others):
+        return []
+    # the remedy in the reason would lose the frames that are located
+    what = Counter(reason.split(";")[0] for reason in others).most_common(1)[0][0]
+    return [
+        f"{located} of {len(answers)} frames are located, and {len(others)} would be by another profile ({what}, mostly): no "
+        f"profile fits both; give the frames of one kind alone, {LEAST_PRESSES} presses or more"
+    ]
+
+
 def refuse_few(
     presses: Sequence[Press], answers: Sequence[Localization] = (), whole: Sequence[bool] = (), bad: Sequence[str] = ()
 ) -> None:
@@ -151,11 +166,11 @@ def refuse_few(
     lost = f" of {len(answers)} frames" if len(answers) > len(presses) else ""
     lost += f" ({reasons.most_common(1)[0][0]}, mostly)" if reasons else ""
     few = "press" if len(presses) == 1 else "presses"
-    message = (
-        f"only {len(presses)} {few}{lost} can be used, and a calibration needs {LEAST_PRESSES}; press the tape some ten times, "
-        "anywhere on it, with the contact near each corner of the image at least once"
-    )
-    raise SpecError(Problem("frames", "; ".join([message, *bad[:3]])))
+    message = f"only {len(presses)} {few}{lost} can be used, and a calibration needs {LEAST_PRESSES}"
+    remedy = of_two_kinds(answers) or [
+        "press the tape some ten times, anywhere on it, with the contact near each corner of the image at least once"
+    ]
+    raise SpecError(Problem("frames", "; ".join([message, *remedy, *bad[:3]])))
 
 
 def empty_corners(presses: Sequence[Press], sensor: SensorProfile) -> list[str]:

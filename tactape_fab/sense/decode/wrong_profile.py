@@ -39,6 +39,8 @@ CLEARLY_OFF = 0.05
 """How far beyond the tolerance a pitch must be off to be named where no tape confirms it; small contacts give it to 2 %."""
 _FOUND_TO = 0.04
 """Largest relative error of a pitch that was found: twice that of small contacts."""
+IN_PROFILE = " in the sensor profile"
+"""What every reason that names a wrong profile has."""
 _ANY_BOUND = inf
 """As `read`'s limit: no other grid is tried, so that a frame of something else costs little."""
 
@@ -64,7 +66,7 @@ def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots]
     # mirrored first: it needs neither another pitch nor another detection of dots
     behind = _decoded(seen, seen.view, _flipped(seen, dots), seen.limits.on_tape)
     if behind is not None:
-        remedy = f"set mirror = {_flag(not seen.sensor.mirror)} in the sensor profile"
+        remedy = f"set mirror = {_flag(not seen.sensor.mirror)}{IN_PROFILE}"
         return f"the frame is mirrored: it shows {_name(behind)} from behind; {remedy}"
     pitch_px = _pitch(seen, raw)
     off = 0.0 if pitch_px is None else _off(seen, pitch_px)
@@ -80,7 +82,7 @@ def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots]
         and _as_of_a_tape(seen, raw, pitch_px)
     ):
         scale = _scale(seen, pitch_px / seen.view.pitch_mm)
-        message = f"{_found(seen, pitch_px)}; set {scale} in the sensor profile, {_another_tape(seen, pitch_px)}"
+        message = f"{_found(seen, pitch_px)}; set {scale}{IN_PROFILE}, {_another_tape(seen, pitch_px)}"
     return message
 
 
@@ -102,7 +104,7 @@ def _off_scale(seen: Seen, raw: Dots, pitch_px: float) -> str | None:
     found = _decoded_at(seen, raw, pitch_px)
     if found is None:
         return None
-    remedy = f"set {_scale(seen, found.px_per_mm)} in the sensor profile, {_another_tape(seen, pitch_px)}"
+    remedy = f"set {_scale(seen, found.px_per_mm)}{IN_PROFILE}, {_another_tape(seen, pitch_px)}"
     return f"{_found(seen, pitch_px)}; it shows {_name(found)} at another scale: {remedy}"
 
 
@@ -122,7 +124,7 @@ def _of_negated(seen: Seen, raw: Dots) -> str | None:
         return None
     scale = "" if right else f" and {_scale(seen, found.px_per_mm)}"
     sign = -seen.sensor.sign
-    remedy = f"set sign = {sign}{mirror}{scale} in the sensor profile"
+    remedy = f"set sign = {sign}{mirror}{scale}{IN_PROFILE}"
     return f"the frame's sign is inverted: it shows {_name(found)} with sign = {sign}; {remedy}"
 
 

@@ -57,6 +57,25 @@ def test_frames_of_presses_that_are_held_are_no_presses_of_their_own() -> None:
     )
 
 
+def test_frames_of_two_kinds_are_told_apart() -> None:
+    """Presses of a recording that is mirrored from some frame on: more presses would not help, and the remedy does as typed."""
+    frames = [*good(), *(frame[:, ::-1] for frame in good())]
+    found = look_at_frames(frames[3:11], [TAPE], TRUE)
+    what = "the frame is mirrored: it shows tape-7 from behind, mostly"
+    assert found.wrong == (
+        f"4 of 8 frames are located, and 4 would be by another profile ({what}): no profile fits both; give the frames of one "
+        "kind alone, 6 presses or more",
+    )
+    assert "frames of one kind alone" in found.next_step and "press the tape" not in found.next_step
+    with pytest.raises(SpecError, match=r"^only 4 presses of 8 .*4 would be by another profile .*; give the frames of one kind"):
+        calibrate_sensor(frames[3:11], [TAPE], TRUE)
+    # those of one kind are enough, and that the others are left out is said
+    for some, left_out in ((frames[:9], True), (frames[7:], False)):
+        found_of = calibrate_sensor(some, [TAPE], TRUE)
+        assert len(found_of.presses) == 7
+        assert any("7 of 9 frames are located, and 2 would be" in remark for remark in found_of.remarks) == left_out
+
+
 def test_a_file_s_own_scale_counts() -> None:
     off = replace(TRUE, px_per_mm=(10.0, 10.0))
     assert look_at_frames(good(), [TAPE], off, TRUE.px_per_mm).wrong == ()
