@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from math import pi
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -162,12 +163,24 @@ def _angles(made: str, meant: str, arm: FloatArray) -> FloatArray:
     return _with_turns(arm, Rotation.from_euler(meant, angles).as_matrix())
 
 
+def _rotation_vectors(read: str, arm: FloatArray) -> FloatArray:
+    """Poses whose rotation vectors were taken for angles about axes, of scipy's words for these."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        angles = Rotation.from_matrix(arm[:, :3, :3]).as_euler(read)
+    # the same turns by the other three angles: a rotation vector is the shorter of both, as it is no longer than pi
+    other = (angles * (1.0, -1.0, 1.0) + 2.0 * pi) % (2.0 * pi) - pi
+    shorter = (angles**2).sum(axis=1) <= (other**2).sum(axis=1)
+    return _with_turns(arm, Rotation.from_rotvec(np.where(shorter[:, None], angles, other)).as_matrix())
+
+
 def _of_metres(arm: FloatArray) -> FloatArray:
     out = arm.copy()
     out[:, :3, 3] *= 1000.0
     return out
 
 
+_READ = ("xyz", "XYZ")
 _ORDER = "with angles about {} where they were turned about {}"
 MEANT: dict[str, Callable[[FloatArray], FloatArray]] = {
     "as the base in the flange, the inverse": _inverted,
@@ -175,6 +188,7 @@ MEANT: dict[str, Callable[[FloatArray], FloatArray]] = {
     "with the quaternions as qx,qy,qz,qw": partial(_rolled, 1),
     "with quaternions of qw first that were read as those of qw last": partial(_rolled, -1),
     "with x, y, z in m": _of_metres,
+    **{f"with rotation vectors that were read as angles about {read}": partial(_rotation_vectors, read) for read in _READ},
     **{
         _ORDER.format(meant, made): partial(_angles, made, meant)
         for meant, made in (("xyz", "XYZ"), ("XYZ", "xyz"), ("xyz", "zyx"), ("zyx", "xyz"), ("ZYX", "XYZ"), ("XYZ", "ZYX"))

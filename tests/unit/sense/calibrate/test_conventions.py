@@ -41,6 +41,8 @@ def wrong(arm: FloatArray, how: str) -> FloatArray:
         return turned(arm, Rotation.from_quat(np.stack([y, z, w, x], axis=1)))
     if "qw first that were read" in how:
         return turned(arm, Rotation.from_quat(np.stack([w, x, y, z], axis=1)))
+    if "rotation vectors" in how:
+        return turned(arm, Rotation.from_euler(how[-3:], turns.as_rotvec()))
     if "in m" in how:
         out = arm.copy()
         out[:, :3, 3] /= 1000.0
