@@ -82,7 +82,12 @@ def look_at_frames(
     wrong += _of_values(images, with_depth(valid, sensor))
     if (height, width) != like.frame_shape:
         h, w = like.frame_shape
-        wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like")
+        # as `fitted_size` has it: any other size or turn in the profile has another px/mm
+        upright = " and rotate90 = 0" if like.rotate90 else ""
+        wrong.append(
+            f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; set width_px = {width}, "
+            f"height_px = {height}{upright} in the sensor profile, or calibrate"
+        )
     if valid is not None:
         wrong.append(
             f"{100 * (1 - valid.mean()):.1f} % of the pixels never change: blind ones belong into a mask; calibrate writes it"

@@ -130,6 +130,18 @@ def test_faults_of_the_frames_are_named() -> None:
         said([np.full((240, 320), np.nan, dtype=np.float32)])
 
 
+def test_what_is_said_of_frames_of_another_size_does_as_typed() -> None:
+    """The scale that was said alone is over the square root of the areas in a profile of the old size."""
+    cut = [frame[20:220, 40:300] for frame in good()]
+    text = said(cut, STOCK)
+    assert "set width_px = 260, height_px = 200 in the sensor profile" in text and "rotate90" not in text
+    scale = float(text.split("px_per_mm = [")[-1].split(",")[0])
+    typed = replace(STOCK, width_px=260, height_px=200, px_per_mm=(scale, scale))
+    found = look_at_frames(cut, [TAPE], typed)
+    assert found.wrong == () and all(look.located for look in found.frames)
+    assert "height_px = 200 and rotate90 = 0 in the sensor profile" in said(cut[:1], replace(STOCK, rotate90=2))
+
+
 def test_frames_of_another_size_have_their_field_of_view_upright() -> None:
     """Of a profile that turns its frames by a quarter the scale along u is that along the frames' height."""
     oblong = replace(TRUE, width_px=320, height_px=192, px_per_mm=(16.0, 12.8), rotate90=1)
