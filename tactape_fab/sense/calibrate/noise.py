@@ -21,8 +21,9 @@ CLEAR_MM = 2.0
 LOWEST = 4
 """Least frequency that is used, cycles per patch: below, the window leaks remains of the contact's shape."""
 LEAST_PATCHES = 4
-MOST_SLOPE, MOST_WHITE_UM = 1.0, 1000.0
-"""Noise that no depth in millimetres has: sensors' slopes have some hundredths. As much is that of frames in another unit."""
+LEAST_SLOPE, MOST_SLOPE, MOST_WHITE_UM = 2e-4, 1.0, 1000.0
+"""Bounds of the noise of depths in millimetres: sensors' slopes have some hundredths. Beyond them is that of another unit: in
+metres a GelSight Mini has 3e-5."""
 _SPREAD = (35.0 / 18.0) ** 2
 """Factor by which a Hann window reduces the number of independent ordinates of a periodogram."""
 
@@ -45,7 +46,7 @@ class Noise:
     @property
     def of_mm(self) -> bool:
         """Whether it may be that of depths in millimetres, as a profile has it."""
-        return self.slope <= MOST_SLOPE and self.white_um <= MOST_WHITE_UM
+        return (self.slope == 0.0 or LEAST_SLOPE <= self.slope <= MOST_SLOPE) and self.white_um <= MOST_WHITE_UM
 
 
 def off_contact(frames: Sequence[Frame], presses: Sequence[Press], empty: Sequence[int], sensor: SensorProfile) -> Noise | None:

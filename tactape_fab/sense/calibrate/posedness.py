@@ -282,8 +282,9 @@ def remarks_of(
         remarks.append(f"'{start.name}' says no unit of the depth: amplitude and noise are in the frame's unit")
     if noise is not None and not noise.of_mm:
         remarks.append(
-            f"slopes have a noise of {noise.slope:.3g} rms a pixel, and depths one of {noise.white_um:.3g} um, too much of "
-            f"depths in mm: the profile keeps the noise of '{start.name}'; give a like with the frames' depth.unit_mm for its own"
+            f"slopes have a noise of {noise.slope:.3g} rms a pixel, and depths one of {noise.white_um:.3g} um, too much or too "
+            f"little for depths in mm: the profile keeps the noise of '{start.name}'; give a like with the frames' depth.unit_mm "
+            "(1000 for metres) for its own"
         )
     if hand_eye is not None:
         remarks += hand_eye.remarks

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactape_fab.sense.calibrate.noise import CLEAR_MM, MOST_SLOPE, MOST_WHITE_UM, Noise, _clear, between_dots, off_contact
+from tactape_fab.sense.calibrate.noise import (
+    CLEAR_MM,
+    LEAST_SLOPE,
+    MOST_SLOPE,
+    MOST_WHITE_UM,
+    Noise,
+    _clear,
+    between_dots,
+    off_contact,
+)
 from tactape_fab.sense.calibrate.valid import clear_of_blind, valid_pixels
 from tactape_fab.texture.frames import FloatArray
 from tests.unit.sense.calibrate.sensors import STOCK
@@ -42,7 +51,10 @@ def test_noise_is_as_exact_as_is_said() -> None:
         assert of_all.std() == pytest.approx(np.sqrt((said**2).mean()), rel=0.35)
 
 
-@pytest.mark.parametrize(("slope", "white_um", "of_mm"), [(0, 0, True), (1, 1, True), (1.01, 0, False), (0, 1.01, False)])
+@pytest.mark.parametrize(
+    ("slope", "white_um", "of_mm"),
+    [(0, 0, True), (1, 1, True), (1.01, 0, False), (0, 1.01, False), (0.99 * LEAST_SLOPE, 0, False), (LEAST_SLOPE, 0, True)],
+)
 def test_noise_beyond_any_depth_in_mm_is_of_another_unit(slope: float, white_um: float, of_mm: bool) -> None:
     values = {"sigma_slope": 0.0, "sigma_white_um": 0.0, "patches": 0}
     assert Noise(slope=slope * MOST_SLOPE, white_um=white_um * MOST_WHITE_UM, **values).of_mm is of_mm  # type: ignore[arg-type]
