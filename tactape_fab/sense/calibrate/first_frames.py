@@ -85,8 +85,8 @@ def look_at_frames(
         # as `fitted_size` has it: any other size or turn in the profile has another px/mm
         upright = " and rotate90 = 0" if like.rotate90 else ""
         wrong.append(
-            f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; set width_px = {width}, "
-            f"height_px = {height}{upright} in the sensor profile, or calibrate"
+            f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another like, or set "
+            f"width_px = {width}, height_px = {height}{upright} in the sensor profile, or calibrate"
         )
     if valid is not None:
         wrong.append(

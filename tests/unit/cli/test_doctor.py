@@ -128,7 +128,7 @@ def test_frames_of_a_sensor_are_looked_at(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["doctor", "--sensor", str(frames), "--json"])
     assert len(json.loads(result.stdout)["frames"]) == 3
     other = CliRunner().invoke(main, ["doctor", "--sensor", str(frames), "--like", "digit"])
-    assert "those of 'digit' 320 x 240; give another --like\n" in other.stdout
+    assert "those of 'digit' 320 x 240; give another --like, or set width_px = 320, height_px = 240 in" in other.stdout
 
 
 def test_bad_frames_are_refused_and_options_alone_too(tmp_path: Path) -> None:
