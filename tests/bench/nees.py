@@ -6,7 +6,8 @@ e is the error of (x, y, theta), C the covariance that was said. NEES/3, the mea
 errors are normal; of N frames it scatters by sqrt(2 / 3 N). The last columns are errors of aspect and shear,
 `Localization.strain`, over their standard deviation: root mean squares, 1 where that is true; on strips the aspect is that of
 foreshortening, several times its deviation, and counts here as an error. The decoder has the stock profile
-in every row, whatever the truth is, but for the size of the gel's displacement and, where gels are not elastic, the crown.
+in every row, whatever the truth is, but for the size of the gel's displacement, unless it is said to be unknown, and, where
+gels are not elastic, the crown.
 """
 
 from __future__ import annotations
@@ -32,11 +33,15 @@ MEASURED_SLOPE = 0.032
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A scene with the truth that the stock profile does not know; theta is drawn where it is None."""
+    """A scene with the truth that the stock profile does not know; theta is drawn where it is None.
+
+    displacement_um: What the profile says of the gel's displacement; None: the truth.
+    """
 
     name: str
     scene: Scene = field(default_factory=Scene)
     theta_deg: float | None = None
+    displacement_um: float | None = None
 
 
 def _at(u_mm: float, v_mm: float, **options: float) -> Scene:
@@ -63,6 +68,16 @@ ROWS = (
     *(Row(name=f"lens {100 * k:g} %, (3, 2)", scene=_at(3.0, 2.0, k1_error=k)) for k in (0.02, -0.03, 0.05)),
     *(Row(name=f"tilt {deg:g} deg", scene=_tilted(deg)) for deg in (2.0, 5.0)),
     *(Row(name=f"gel displaced {um / 1000:g} mm", scene=Scene(gel_displacement_um=um)) for um in (50.0, 100.0, 200.0)),
+    *(
+        Row(name=f"gel displaced {um / 1000:g} mm, unknown", scene=Scene(gel_displacement_um=um), displacement_um=0.0)
+        for um in (10.0, 20.0, 50.0, 100.0)
+    ),
+    Row(
+        name="contact 7x7, gel displaced 0.03 mm, unknown",
+        scene=Scene(gel_displacement_um=30.0, contact_mm=(7.0, 7.0)),
+        displacement_um=0.0,
+    ),
+    Row(name="gel displaced 0.1 mm, 0.02 in the profile", scene=Scene(gel_displacement_um=100.0), displacement_um=20.0),
     *(Row(name=f"placement {mm:g} mm", scene=Scene(placement_mm=mm)) for mm in (0.05, 0.1)),
     *(Row(name=f"strip {width:g} mm", scene=STRIPS[width]) for width in (6.0, 5.0, 4.5)),
     Row(name="contact 7x7", scene=Scene(contact_mm=(7.0, 7.0))),
@@ -85,10 +100,12 @@ class Figures:
     shear: float
 
 
-def figures_of(scene: Scene, count: int, refine: Refined, theta_deg: float | None = None) -> Figures:
-    """Locate frames of a scene; all dots lie alike in their pixels at a theta of 0 or 90, as 1.5 mm are 24 px."""
+def figures_of(row: Row, count: int, refine: Refined) -> Figures:
+    """Locate frames of a row; all dots lie alike in their pixels at a theta of 0 or 90, as 1.5 mm are 24 px."""
+    scene, theta_deg = row.scene, row.theta_deg
     sensor = plane_gel() if scene.elastic is None else load_sensor("gelsight-mini")
-    sensor = replace(sensor, gel=replace(sensor.gel, displacement_um=scene.gel_displacement_um or 0.0))
+    known_um = (scene.gel_displacement_um or 0.0) if row.displacement_um is None else row.displacement_um
+    sensor = replace(sensor, gel=replace(sensor.gel, displacement_um=known_um))
     localizer = Localizer([registered_tape()], sensor, refine=refine)
     wrong = 0
     errors, squares, strains = [np.zeros((0, 3))], [np.zeros(0)], [np.full((1, 2), np.nan)]
@@ -139,7 +156,7 @@ def main() -> None:
     print("| row | frames | located | wrong | rms µm | rms deg | NEES/3 | beyond 95 % | aspect | shear |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for row in rows:
-        f = figures_of(row.scene.changed(noise), chosen.frames, chosen.refine, row.theta_deg)
+        f = figures_of(replace(row, scene=row.scene.changed(noise)), chosen.frames, chosen.refine)
         shown = f"{f.position_um:.2f} | {f.theta_deg:.4f} | {f.nees:.2f} | {100 * f.beyond:.1f} %"
         strain = f"{f.aspect:.2f} | {f.shear:.2f}"
         print(f"| {row.name} | {f.frames} | {f.right} | {f.wrong} | {shown} | {strain} |", flush=True)

@@ -16,6 +16,7 @@ from tactape_fab.sense.decode.contact.tilted import USUAL_PART_MM, tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import parity_log_ratio
 from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.grid.displaced import displaced
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.located_dots import LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.pixels.refine import Pixels, refine
@@ -123,6 +124,7 @@ def accept_place(
                 return Localization(located=False, reason=_ON_FLANK, **fields), other
             places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, built_mm)
             pose, offset_px, drawn = tilted_pose(pose, lie, *places, on.weights, heights, gel.from_border_mm(seen_px), view)
+    pose = displaced(pose, view.beliefs, on.weights)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
@@ -136,8 +138,11 @@ def accept_place(
         rest = (None if tape is None else tape.part, offset_px, built_mm, pose, placed_mm)
         pose, fields["refine_reason"] = (pose, _TILTED) if drawn else refine(pixels, view, *rest)
         fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
-    unsure = None if drawn or fields["refined"] == "pixels" else unsure  # by the heights of dots that are not corrected otherwise
-    pose = _less_sure(pose, unsure, 0.0 if built is None else built.drift_mm)
+    pose = _less_sure(
+        pose,
+        None if drawn or fields["refined"] == "pixels" else unsure,  # by the heights of dots that are not corrected otherwise
+        0.0 if built is None else built.drift_mm,
+    )
     return Localization(
         located=True, **fields, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)
     ), False

@@ -25,7 +25,7 @@ def jobs(size: Size) -> list[Job]:
 def measure_row(name: str, frames: int) -> Result:
     """Figures of a row, poses fitted to dots."""
     (row,) = (row for row in ROWS if row.name == name)
-    return asdict(figures_of(row.scene, frames, "dots", row.theta_deg))
+    return asdict(figures_of(row, frames, "dots"))
 
 
 def lines(results: Mapping[str, Result]) -> list[str]:

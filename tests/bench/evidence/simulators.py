@@ -16,7 +16,7 @@ from typing import Any
 from tactape_fab.sense import ElasticContact, Scene
 from tactape_fab.sense.decode.result import Refined
 from tests.bench.evidence.job import Job, Result, Size
-from tests.bench.nees import figures_of
+from tests.bench.nees import Row, figures_of
 
 SECTION = "simulators"
 TITLE = "Two simulators, side by side"
@@ -70,7 +70,7 @@ def measure(name: str, model: str, frames: int, refine: Refined = "dots") -> Res
     """Figures of one scene in one simulator."""
     scene = SCENES[name][MODELS.index(model)]
     assert scene is not None
-    return asdict(figures_of(scene, frames, refine)) | {"crown": model == "elastic"}
+    return asdict(figures_of(Row(name=model, scene=scene), frames, refine)) | {"crown": model == "elastic"}
 
 
 def lines(results: Mapping[str, Result]) -> list[str]:

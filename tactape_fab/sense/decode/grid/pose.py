@@ -10,9 +10,9 @@ import numpy as np
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.kth import select
-from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, Beliefs, posterior
+from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, Beliefs, Fitted, posterior
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
-from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 FIT_STEPS = 5
 LEAST_SIGMA_MM = 0.004
@@ -32,6 +32,7 @@ class Pose:
     agree (n,): Inliers.
     sigma_mm: Standard deviation of one dot along one axis, without the gel's displacement.
     camera (2, 3): Corrections of the profile's aspect, shear and k1, fitted together with the pose; their standard deviations.
+    fitted: Dots that it was fitted to, and how.
     """
 
     position_mm: FloatArray
@@ -41,6 +42,8 @@ class Pose:
     agree: BoolArray
     sigma_mm: float
     camera: FloatArray
+    fitted: Fitted | None = None
+    used: IntArray | None = None
 
     @property
     def finite(self) -> bool:
@@ -90,7 +93,7 @@ def fit_pose(
     seen_mm, kept = px.take(used, 0) / px_per_mm, keep.take(used)
     placed_mm2 = None if placed_mm is None else placed_mm.take(used) ** 2
     unsure_mm = None if unsure_px is None else unsure_px.take(used, 0) / px_per_mm
-    at, covariance, sigma, seen_by = posterior(
+    at, covariance, sigma, seen_by, fitted = posterior(
         seen_mm, mm.take(used, 0), kept, px_per_mm, fit, beliefs, smoothed=smoothed, placed_mm2=placed_mm2, unsure_mm=unsure_mm
     )
     theta, ln_scale = at[2:].tolist()
@@ -102,6 +105,8 @@ def fit_pose(
         agree=agree,
         sigma_mm=sigma,
         camera=seen_by,
+        fitted=fitted,
+        used=used,
     )
 
 

@@ -85,6 +85,28 @@ class _Terms(NamedTuple):
     spread: FloatArray
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitted:
+    """Dots as a pose was fitted to them, in the image's axes: of what `displaced` asks whether they are displaced alike.
+
+    seen_mm (n, 2): Dots from the image centre, over the profile's px/mm.
+    rates (10, 2, n): Derivatives by the nine unknowns at the solution, and residuals last, mm.
+    errors_mm2 (n,): Variance of each dot's error along an axis, by which the last step weighed them.
+    smooth_mm2 (n, n): Covariance of errors along an axis besides; None if they are independent.
+    covariance (9, 9): Of the unknowns.
+    state (9,): The unknowns.
+    turn (3, 3): From the image's axes to the texture's, of changes of (x, y, theta).
+    """
+
+    seen_mm: FloatArray
+    rates: FloatArray
+    errors_mm2: FloatArray
+    smooth_mm2: FloatArray | None
+    covariance: FloatArray
+    state: FloatArray
+    turn: FloatArray
+
+
 def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool, part: TapePart | None = None) -> Beliefs:
     """The beliefs of a sensor's profile.
 
@@ -123,7 +145,7 @@ def posterior(
     smoothed: bool,
     placed_mm2: FloatArray | None,
     unsure_mm: FloatArray | None,
-) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+) -> tuple[FloatArray, FloatArray, float, FloatArray, Fitted | None]:
     """Posterior mean and covariance of a pose.
 
     Unknowns are (x, y, theta), then ln of the scale, aspect, shear, k1, the push of neighbours and the pull of the rim, each over
@@ -143,12 +165,13 @@ def posterior(
     Returns covariance (3, 3): Of (x mm, y mm, theta rad); infinite where all dots are in one place.
     Returns sigma_mm: Standard deviation of a full dot along one axis.
     Returns camera (2, 3): Corrections of aspect, shear and k1, and their standard deviations; NaN if all dots are in one place.
+    Returns fitted: None if all dots are in one place.
     """
     along, across, u, v, middle_x, middle_y, sigma = values = fit.tolist()
     # 1 / R: mm on the texture per px, by which the robust fit takes px to mm
     length = hypot(along, across)
     if not (len(seen_mm) and 0.0 < length < inf and abs(sum(values)) < inf):
-        return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
+        return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan), None
     # in the image's axes, turned by the robust fit's theta: x and y are turned back at the end
     c, s = along / length, across / length
     buffer, normal, spread = np.zeros((14, 2, len(seen_mm))), np.empty((10, 10)), np.empty((10, 10))
@@ -164,7 +187,7 @@ def posterior(
         target += PULL * drawn[1]
     # dots in one place do not observe the rotation, and the normal matrix would be singular
     if not (squares < inf and apart > ONE_PLACE * squares):
-        return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
+        return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan), None
     rim_mm2 = RIM_MM**2
     # `_summed` takes sigma^2 / sqrt(weight): of squared weights that is sigma^2 / weight, the law of centres by least squares
     if not smoothed:
@@ -178,29 +201,60 @@ def posterior(
     state = np.array([-length * u, -length * v, 0.0, scale, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     camera = (beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm)
     terms = _Terms(seen_mm, target, drawn, weights, rim_mm2, sigma**2, *camera, state, rates, normal, spread)
+    smooth = None
     if beliefs.gel_mm > 0.0 or placed_mm2 is not None:
-        smooth = np.zeros((len(seen_mm), len(seen_mm))) if placed_mm2 is None else np.diag(placed_mm2)
-        if beliefs.gel_mm > 0.0:
-            smooth += _displacement(seen_mm, beliefs)
-        variance = _settled_correlated(smooth, terms)
+        own = np.zeros(len(seen_mm)) if placed_mm2 is None else placed_mm2
+        smooth = errors_of(seen_mm, own, np.zeros((0, 0)), beliefs.gel_mm**2, beliefs.correlation_mm)
+        variance, weighed = _settled_correlated(smooth, terms)
     else:
-        variance = _settled(*terms, shares)
+        variance, weighed = _settled(*terms, shares)
     x, y, theta, scale, *_ = state.tolist()
     # back from the image's axes to the texture's, by R(theta) = [[c, s], [-s, c]]
     at = np.array([c * x + s * y + middle_x, c * y - s * x + middle_y, atan2(across, along) + theta, scale * scale_sigma])
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     found = np.array([state[4:7], np.sqrt(normal.diagonal()[4:7])]) * beliefs.sigmas[1:]
-    return at, turn @ normal[:3, :3] @ turn.T, sqrt(variance), found
+    fitted = Fitted(
+        seen_mm=seen_mm,
+        rates=rates,
+        errors_mm2=weighed / np.sqrt(weights) + rim_mm2 * (1.0 - weights) ** 1.75,
+        smooth_mm2=smooth,
+        covariance=normal[:9, :9],
+        state=state[:9],
+        turn=turn,
+    )
+    return at, turn @ normal[:3, :3] @ turn.T, sqrt(variance), found, fitted
 
 
-def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
-    """Covariance of the gel's displacement along an axis at the dots; shape (n, n), mm^2."""
-    apart = seen_mm[:, None] - seen_mm
-    squares = np.einsum("ijk,ijk->ij", apart, apart)
-    return np.asarray(beliefs.gel_mm**2 * np.exp(squares / (-2.0 * beliefs.correlation_mm**2)))
+def errors_of(
+    seen_mm: FloatArray, errors_mm2: FloatArray, known_mm2: FloatArray, variance: float, correlation_mm: float
+) -> FloatArray:
+    """Covariance of errors along an axis: independent ones, known ones, and a smooth displacement of the gel; (n, n) mm^2.
+
+    errors_mm2 (n,): Variances of the independent ones.
+    known_mm2 (n, n): Or (0, 0) if there are none.
+    variance: Of the displacement, mm^2, which is correlated as a Gaussian of the standard deviation `correlation_mm`.
+    """
+    out = np.empty((len(seen_mm), len(seen_mm)))
+    _fill(seen_mm, errors_mm2, known_mm2, variance, correlation_mm, out)
+    return out
 
 
-def _settled_correlated(smooth: FloatArray, of: _Terms) -> float:
+@kernel()
+def _fill(
+    seen_mm: FloatArray, errors_mm2: FloatArray, known_mm2: FloatArray, variance: float, correlation_mm: float, out: FloatArray
+) -> None:
+    """`errors_of`, into an array."""
+    for i in range(len(out)):
+        for k in range(i + 1):
+            x, y = seen_mm[i, 0] - seen_mm[k, 0], seen_mm[i, 1] - seen_mm[k, 1]
+            total = variance * np.exp((x * x + y * y) / (-2.0 * correlation_mm * correlation_mm))
+            if len(known_mm2) > 0:
+                total += known_mm2[i, k]
+            out[i, k] = out[k, i] = total
+        out[i, i] += errors_mm2[i]
+
+
+def _settled_correlated(smooth: FloatArray, of: _Terms) -> tuple[float, float]:
     """`_settled` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
     # both axes of a dot have the same covariance, and none with each other: one n x n inverse serves both
     own, variance = 1.0 / np.sqrt(of.weights), of.variance
@@ -218,7 +272,8 @@ def _settled_correlated(smooth: FloatArray, of: _Terms) -> float:
         before, variance = variance, _stepped_alone(of.normal, of.spread, of.state, variance, known)
         if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
             break
-    return variance
+    _linearised_alone(of.seen_mm, of.target, of.drawn, of.sigmas, of.corner_mm, of.centre_mm, of.state, of.rates)
+    return variance, before
 
 
 @kernel()
@@ -289,16 +344,22 @@ def _settled(
     normal: FloatArray,
     spread: FloatArray,
     shares: FloatArray,
-) -> float:
-    """Take Gauss-Newton steps until a full dot's variance converges, and return it; `rates` and `shares` are work buffers."""
-    for taken in range(1, MOST_STEPS + 1):
+) -> tuple[float, float]:
+    """Take Gauss-Newton steps until a full dot's variance converges; `rates` are those at the solution then.
+
+    `shares` is a work buffer. Returns the variance, and the one that the last step weighed the dots by.
+    """
+    left, before = MOST_STEPS, variance
+    while True:
         _linearised(seen_mm, target, drawn, sigmas, corner_mm, centre_mm, state, rates)
+        if left == 0:
+            return variance, before
         known = _summed(rates, weights, rim_mm2, variance, shares, normal, spread)
         before = variance
         variance = _stepped(normal, spread, state, variance, known)
-        if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
-            break
-    return variance
+        left -= 1
+        if left <= MOST_STEPS - LEAST_STEPS and abs(variance - before) <= SETTLED * before:
+            left = 0
 
 
 @inner_kernel()

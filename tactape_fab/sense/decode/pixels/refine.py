@@ -12,6 +12,7 @@ from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.dots.filters import Image, averaged
 from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.sense.decode.dots.rim import ONE_SIDED
+from tactape_fab.sense.decode.grid.displaced import displaced
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, rehearse_patches, settled_patches, unknown_relief
@@ -143,7 +144,10 @@ def refine(
         placed_mm=None if placed_mm is None else placed_mm[chosen],
     )
     why = _doubt(pose, refined)
-    return (pose, why) if why is not None else (replace(refined, agree=pose.agree), None)
+    if why is not None:
+        return pose, why
+    # low dots have the error of the rim's law in their weights
+    return replace(displaced(refined, view.beliefs, np.ones(len(weights))), agree=pose.agree), None
 
 
 def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
