@@ -8,7 +8,7 @@ import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.grid.pose import Pose
-from tactape_fab.sense.decode.grid.posterior import RIM_MM, Beliefs, eliminate, errors_of
+from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, RIM_MM, Beliefs, eliminate, errors_of
 from tactape_fab.texture.frames import FloatArray
 
 SEEN = 1.0
@@ -34,16 +34,17 @@ def displaced(pose: Pose, beliefs: Beliefs, weights: FloatArray) -> Pose:
     fitted, used = pose.fitted, pose.used
     if fitted is None or used is None or not pose.finite:
         return pose
-    missing = 1.0 - np.minimum(weights.take(used), 1.0)
-    errors_mm2, by_rim_mm2 = fitted.errors_mm2, RIM_MM**2 * missing**1.75
-    if (by_rim_mm2 > errors_mm2).any():
-        errors_mm2 = np.maximum(errors_mm2, by_rim_mm2)
-    n = len(used)
-    known = np.zeros((0, 0)) if fitted.smooth_mm2 is None else fitted.smooth_mm2
-    alike = errors_of(fitted.seen_mm, np.zeros(n), np.zeros((0, 0)), 1.0, beliefs.correlation_mm)
-    rates, more = fitted.rates.reshape(20, n), np.zeros((9, 9))
+    missing, none = 1.0 - np.minimum(weights.take(used), 1.0), np.zeros((0, 0))
+    errors_mm2 = np.maximum(fitted.errors_mm2, RIM_MM**2 * missing**1.75)
+    known_mm2 = none if fitted.smooth_mm2 is None else fitted.smooth_mm2
+    # every so many of many dots, as an n x n inverse grows as n^3: in the weights each stands for those left out
+    step = -(-len(used) // MOST_CORRELATED)
+    rates, seen_mm = fitted.rates[:, :, ::step].reshape(20, -1), fitted.seen_mm[::step].copy()
+    alike = errors_of(seen_mm, np.zeros(len(seen_mm)), none, 1.0, beliefs.correlation_mm)
+    errors = fitted.errors_mm2[::step] / step, errors_mm2[::step].copy(), known_mm2[::step, ::step].copy()
+    n, more = len(seen_mm), np.zeros((9, 9))
     buffers = np.empty((58, n)), np.empty((3, n, n)), np.empty((3, 10, 9))
-    if not _seen(rates, fitted.state, fitted.covariance, fitted.errors_mm2, errors_mm2, known, alike, *buffers, more):
+    if not _seen(rates, fitted.state, fitted.covariance, *errors, alike, *buffers, more):
         return pose
     return replace(
         pose,
@@ -91,7 +92,7 @@ def _sum(a: FloatArray, b: FloatArray) -> float:
 
 
 @inner_kernel()
-def invert_errors(
+def _invert(
     errors_mm2: FloatArray, known_mm2: FloatArray, alike: FloatArray, factor: float, variance: float, out: FloatArray
 ) -> None:
     """Inverse of factor * diag(errors) + known + variance * alike, the errors' covariance along an axis; (n, n)."""
@@ -109,7 +110,7 @@ def invert_errors(
 
 
 @inner_kernel()
-def refit(
+def _refit(
     rates: FloatArray,
     state: FloatArray,
     inverse: FloatArray,
@@ -153,7 +154,7 @@ def refit(
 
 
 @inner_kernel()
-def score_of(
+def _score(
     inverse: FloatArray,
     weighted: FloatArray,
     left: FloatArray,
@@ -164,8 +165,8 @@ def score_of(
 ) -> float:
     """Derivative of the restricted log likelihood by the factor of errors of covariance `alike` (n, n).
 
-    It is (r^T P K P r - tr P K) / 2, with P = V^-1 - V^-1 X C X^T V^-1; arguments as `refit` fills them in. `by` (9 x 2, n) and
-    `first` (9, 9) are filled in for `information_of`.
+    It is (r^T P K P r - tr P K) / 2, with P = V^-1 - V^-1 X C X^T V^-1; arguments as `_refit` fills them in. `by` (9 x 2, n) and
+    `first` (9, 9) are filled in for `_information`.
     """
     _times(weighted, alike, by)
     _products(by, weighted, first)
@@ -178,7 +179,7 @@ def score_of(
 
 
 @inner_kernel()
-def information_of(
+def _information(
     inverse: FloatArray,
     covariance: FloatArray,
     alike: FloatArray,
@@ -233,12 +234,12 @@ def _seen(
     weighted, by, second, rest, left = buffer[:18], buffer[18:36], buffer[36:54], buffer[54:56], buffer[56:58]
     inverse, whole, own = squares[0], squares[1], squares[2]
     now, first, both = small[0], small[1, :9], small[2, :9]
-    invert_errors(errors_mm2, known_mm2, alike, 1.0, 0.0, inverse)
-    refit(rates, state, inverse, weighted, rest, left, now)
-    score = score_of(inverse, weighted, left, now, alike, by, first)
+    _invert(errors_mm2, known_mm2, alike, 1.0, 0.0, inverse)
+    _refit(rates, state, inverse, weighted, rest, left, now)
+    score = _score(inverse, weighted, left, now, alike, by, first)
     if score <= 0.0:  # most frames end here
         return False
-    information = information_of(inverse, now, alike, by, first, second, whole, both)
+    information = _information(inverse, now, alike, by, first, second, whole, both)
     above = score / np.sqrt(information)
     if not above > SEEN:
         return False
@@ -246,20 +247,20 @@ def _seen(
     for i in range(len(own)):
         for j in range(len(own)):
             own[i, j] = errors_mm2[i] if i == j else 0.0
-    invert_errors(errors_mm2, known_mm2, alike, 1.0, variance, inverse)
-    refit(rates, state, inverse, weighted, rest, left, now)
-    score = score_of(inverse, weighted, left, now, own, by, first)
-    factor = max(1.0 + score / information_of(inverse, now, own, by, first, second, whole, both), LEAST_SHARE)
-    invert_errors(errors_mm2, known_mm2, alike, factor, variance, inverse)
-    refit(rates, state, inverse, weighted, rest, left, now)
-    score = score_of(inverse, weighted, left, now, alike, by, first)
-    information = information_of(inverse, now, alike, by, first, second, whole, both)
+    _invert(errors_mm2, known_mm2, alike, 1.0, variance, inverse)
+    _refit(rates, state, inverse, weighted, rest, left, now)
+    score = _score(inverse, weighted, left, now, own, by, first)
+    factor = max(1.0 + score / _information(inverse, now, own, by, first, second, whole, both), LEAST_SHARE)
+    _invert(errors_mm2, known_mm2, alike, factor, variance, inverse)
+    _refit(rates, state, inverse, weighted, rest, left, now)
+    score = _score(inverse, weighted, left, now, alike, by, first)
+    information = _information(inverse, now, alike, by, first, second, whole, both)
     variance = max(variance + score / information, LEAST_SHARE * variance)
     freedom = max(2.0 * variance**2 * information, LEAST_FREEDOM)
     # as that of a t distribution; from 0 at the limit, so that the covariance does not jump there
     variance *= (1.0 - (SEEN / above) ** 2) * freedom / (freedom - 2.0)
     # covariance of the estimate A y, A = C X^T W, by errors V of y: A V A^T
-    invert_errors(weighed_mm2, known_mm2, alike, 1.0, 0.0, inverse)
+    _invert(weighed_mm2, known_mm2, alike, 1.0, 0.0, inverse)
     _times(rates[:18], inverse, weighted)
     _times(weighted, alike, by)
     _products(by, weighted, first)

@@ -11,7 +11,7 @@ from tactape_fab import Localizer
 from tactape_fab.sense import Scene, iterate_frames, load_sensor
 from tactape_fab.sense.decode.grid.displaced import LEAST_FREEDOM, LEAST_SHARE, SEEN, displaced
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
-from tactape_fab.sense.decode.grid.posterior import RIM_MM, Beliefs, beliefs_of, errors_of
+from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, RIM_MM, Beliefs, beliefs_of, errors_of
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE
 from tests.thorough import some
@@ -50,6 +50,13 @@ def test_errors_of_a_displaced_gel_are_as_large_as_said(gel_mm: float, known_mm:
     assert np.mean(plain) > before
     assert 0.5 < np.mean(said) < 1.7  # most of it from the few frames in which a small displacement does not show
     assert np.percentile(said, 95) < 4.0
+
+
+def test_of_many_dots_some_are_enough() -> None:
+    poses = [fitted(0.05, seed, half_mm=13.0) for seed in range(40)]
+    assert len(poses[0][1]) > 1.5 * MOST_CORRELATED
+    assert np.mean([squared(pose) for pose, _ in poses]) > 15.0
+    assert 0.5 < np.mean([squared(displaced(pose, STOCK, weights)) for pose, weights in poses]) < 1.6
 
 
 def test_a_gel_that_stays_costs_little() -> None:
