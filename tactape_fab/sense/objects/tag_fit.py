@@ -168,7 +168,7 @@ def _slopes(tag_id: int, ln_blur_cells: float, grown_cells: float) -> tuple[_F32
 
 
 def _drawn(cells: FloatArray, pictures: tuple[_F32, ...]) -> FloatArray:
-    """What pictures of the printed tag show at places of it (n, 2), in cells from its centre; shape (pictures, n)."""
+    """Values of pictures of the printed tag at places of it (n, 2), in cells from its centre; shape (pictures, n)."""
     cv2 = library("cv2", "fitting a tag to a picture")
 
     # integers at the centres of the printed picture's pixels
