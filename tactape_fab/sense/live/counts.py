@@ -62,10 +62,10 @@ class Tally:
             self._first_s = now_s
         self._last_s = now_s
         self._recent.append(now_s)
-        self.answered += 1
         self.located += fix.located
         self.last = fix
         self.latencies.add(1000.0 * (now_s - arrived_s))
+        self.answered += 1  # last: whoever reads it from another thread finds the rest of this answer
 
     def trouble(self, trouble: Trouble) -> None:
         """Count a trouble; the first of its kind is kept for `unreported`."""
