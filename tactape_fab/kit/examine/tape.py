@@ -179,9 +179,6 @@ def examine(
     if problems:
         # places on a substitute board mean nothing, so at_mm is left out, as are rules that are those of its outline
         broken = [replace(f, at_mm=None) for f in findings if f.blocks and measurable and f.rule not in elsewhere]
-        if any(problem.root == "anchor" for problem in problems):
-            # a refused mesh's own remedy turns the parts, with the W that it needs then
-            broken = [replace(f, message=f.message.replace(", or --rotation 45", "")) for f in broken]
         raise refusal(problems, broken)
     certificate, searched = certify(tape), search is not None
     findings += _beside(spec, tape, profiles, avoid)
@@ -349,7 +346,9 @@ def _measured(
     if isinstance(part, PartProfile):
         assert fab is not None
         film = Film(fab=fab, layout=build_layout(tape, spec, fab, part))
-        findings = check(film.layout, fab, spec) + film_findings(film.layout, spec, fab)
+        # the remedy of a refused mesh turns the parts itself, with the W that it needs then
+        may_turn = all(problem.root != "anchor" for problem in problems)
+        findings = check(film.layout, fab, spec, may_turn=may_turn) + film_findings(film.layout, spec, fab)
         # overlapping bodies have a rule of their own, and necessarily exceed their cells
         findings += [] if _broken(findings, "body-body") else undrawable(of_form, spec, film)
         findings += _corner_findings(tape, form)

@@ -226,10 +226,10 @@ def film_parts(fits: Callable[[PartProfile], bool]) -> Iterator[PartProfile]:
 # Words
 
 
-def wider_words(spec: TapeSpec, fab: FabProfile, part: PartProfile, rule: str) -> str:
-    """Remedy for a gap rule of a film: W and Δ, or Δ, or parts rotated by 45 degrees."""
+def wider_words(spec: TapeSpec, fab: FabProfile, part: PartProfile, rule: str, *, may_turn: bool = True) -> str:
+    """Remedy for a gap rule of a film: W and Δ, or Δ, or, if they may be, parts rotated by 45 degrees."""
     parts = [words] if (words := film_remedy(spec, fab, part, [rule]).words()) else []
-    if spec.rotation_deg % 90.0 != 45.0:
+    if may_turn and spec.rotation_deg % 90.0 != 45.0:
         turned = film_remedy(spec.with_values(rotation_deg=45.0), fab, part, [rule]).options()
         if turned == "":
             parts.append("--rotation 45" if parts else "use --rotation 45")

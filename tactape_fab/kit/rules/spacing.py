@@ -30,13 +30,13 @@ Remedies = str | Callable[[float], str]
 """A remedy, or a function that gives it for a limit in mm."""
 
 
-def check(layout: Layout, fab: FabProfile, spec: TapeSpec) -> list[Finding]:
-    """Check a layout against its fab's limits; remedies are for the spec.
+def check(layout: Layout, fab: FabProfile, spec: TapeSpec, *, may_turn: bool = True) -> list[Finding]:
+    """Check a layout against its fab's limits; remedies are for the spec, and rotate its parts only if they may be (`may_turn`).
 
     Returns: A finding for every rule that applies, broken or not.
     """
     findings = [
-        *_gap_rules(layout, fab, spec),
+        *_gap_rules(layout, fab, spec, may_turn=may_turn),
         *_edge_rules(layout, fab, spec),
         *_legend_rules(layout, fab),
         *_hole_rules(layout, fab),
@@ -130,7 +130,7 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
             yield texture_to_board(shift, (0.0, 0.0)), texture_to_board(middle, tape.board.texture_origin_mm)
 
 
-def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Finding]:
+def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec, *, may_turn: bool) -> Iterator[Finding]:
     tape = layout.tape
     outlines = layout.outlines
     # the outer shapes of a part: the opening holds its pads, the courtyard its body
@@ -147,7 +147,7 @@ def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Find
     lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
 
     def wider(rule: str) -> Remedies:
-        return lambda _: wider_words(spec, fab, layout.part, rule)
+        return lambda _: wider_words(spec, fab, layout.part, rule, may_turn=may_turn)
 
     yield finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider("pad-pad"))
     own = (float(between_own[0]), None)

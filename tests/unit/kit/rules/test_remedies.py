@@ -284,6 +284,8 @@ def test_parts_may_be_turned_where_that_is_enough() -> None:
     flat = SPEC.with_values(rotation_deg=0.0)
     said = wider_words(flat, FAB, PART, "opening-bridge")
     assert said.startswith("use --w ") and said.endswith(", or --rotation 45")
+    unturned = wider_words(flat, FAB, PART, "opening-bridge", may_turn=False)
+    assert unturned == said.removesuffix(", or --rotation 45")
     assert "--rotation" not in wider_words(SPEC.with_values(pitch_mm=1.0), FAB, PART, "opening-bridge")
     assert "--rotation" not in wider_words(flat.with_values(pitch_mm=1.0), FAB, PART, "opening-bridge")
     nothing = wider_words(flat, with_limit("opening-bridge", 30.0), PART, "opening-bridge")
