@@ -29,7 +29,7 @@ from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import CAMERA_SIGMAS, expected
 from tactape_fab.sense.calibrate.errors import whitening
 from tactape_fab.sense.calibrate.result import Calibration
-from tactape_fab.sense.decode.grid.posterior import PULL_SIGMA
+from tactape_fab.sense.decode.grid.beliefs import PULL_SIGMA
 from tactape_fab.sense.geometry import USUAL_BLUR_MM, Geometry
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.marks import command, write_between

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.errors import Design, Errors, whitening
 from tactape_fab.sense.calibrate.presses import Press
-from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM
+from tactape_fab.sense.decode.grid.beliefs import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray

@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import minimize
 
 from tactape_fab.sense.calibrate.presses import Press
-from tactape_fab.sense.decode.grid.posterior import RIM_MM
+from tactape_fab.sense.decode.grid.beliefs import RIM_MM
 from tactape_fab.texture.frames import FloatArray
 
 START_MM = 0.01

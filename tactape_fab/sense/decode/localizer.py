@@ -26,7 +26,7 @@ from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_depths, dot_numbers
 from tactape_fab.sense.decode.dots.rim import settled
-from tactape_fab.sense.decode.grid.posterior import beliefs_of
+from tactape_fab.sense.decode.grid.beliefs import beliefs_of
 from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.sense.decode.pixels.refine import Pixels, rehearse_pixels
 from tactape_fab.sense.decode.rank import View, read

@@ -9,9 +9,9 @@ import numpy as np
 
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import turn_weights
+from tactape_fab.sense.decode.grid.beliefs import Beliefs
 from tactape_fab.sense.decode.grid.fit import Fit, fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
-from tactape_fab.sense.decode.grid.posterior import Beliefs
 from tactape_fab.sense.decode.rule import EVEN_TURNS, GRID_SHARES, LEAST_GRID_POWER
 from tactape_fab.sense.decode.search.built_places import as_built
 from tactape_fab.sense.decode.search.hypotheses import Registry

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from tactape_fab.sense.decode.dots.frame_dots import detected
 from tactape_fab.sense.decode.dots.rim import settled
+from tactape_fab.sense.decode.grid.beliefs import RIM_MM
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
-from tactape_fab.sense.decode.grid.posterior import RIM_MM
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to_texture

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM, beliefs_of
+from tactape_fab.sense.decode.grid.beliefs import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM, beliefs_of
 from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.geometry import camera as camera_of
 from tactape_fab.sense.sensors import SensorProfile

@@ -23,8 +23,8 @@ from tactape_fab.sense.decode.dots.elongation import square_pixels, turn_weights
 from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import settled
+from tactape_fab.sense.decode.grid.beliefs import beliefs_of
 from tactape_fab.sense.decode.grid.fit import posteriors
-from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization, status_of
 from tactape_fab.sense.decode.rule import (

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.sense.decode.grid.beliefs import RIM_MM, Beliefs
 from tactape_fab.sense.decode.grid.pose import Pose
-from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, RIM_MM, Beliefs, eliminate, errors_of
+from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, eliminate, errors_of
 from tactape_fab.texture.frames import FloatArray
 
 SEEN = 1.0

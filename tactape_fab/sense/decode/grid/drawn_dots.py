@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactape_fab.sense.decode.grid.posterior import (
+from tactape_fab.sense.decode.grid.beliefs import (
     LEAST_APART_MM,
     MOST_APART_MM,
     PULL_END,

@@ -10,7 +10,8 @@ import numpy as np
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.kth import select
-from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, Beliefs, Fitted, posterior
+from tactape_fab.sense.decode.grid.beliefs import Beliefs
+from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, Fitted, posterior
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 

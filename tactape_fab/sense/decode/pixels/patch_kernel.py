@@ -10,7 +10,8 @@ import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.filters import Image
-from tactape_fab.sense.decode.grid.posterior import LEAST_APART_MM, eliminate
+from tactape_fab.sense.decode.grid.beliefs import LEAST_APART_MM
+from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 STEPS = 64

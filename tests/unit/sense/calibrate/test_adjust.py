@@ -25,7 +25,7 @@ from tactape_fab.sense.calibrate.adjust import (
 from tactape_fab.sense.calibrate.errors import Errors, whitening
 from tactape_fab.sense.calibrate.posedness import corner_sigma_um
 from tactape_fab.sense.calibrate.presses import Press
-from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_SIGMA_MM
+from tactape_fab.sense.decode.grid.beliefs import PULL, PULL_SIGMA, PUSH_SIGMA_MM
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.texture.frames import FloatArray

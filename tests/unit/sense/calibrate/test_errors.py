@@ -22,7 +22,7 @@ from tactape_fab.sense.calibrate.errors import (
     whitening,
 )
 from tactape_fab.sense.calibrate.presses import Press
-from tactape_fab.sense.decode.grid.posterior import RIM_MM
+from tactape_fab.sense.decode.grid.beliefs import RIM_MM
 from tactape_fab.texture.frames import FloatArray
 
 GRID_MM = 1.5 * np.array([(c, r) for r in range(5) for c in range(6)], dtype=float)

@@ -15,8 +15,8 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import LocatedDots, Scene, load_sensor, simulate, simulate_frames
 from tactape_fab.sense.decode import accept
 from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.grid.beliefs import Beliefs
 from tactape_fab.sense.decode.grid.pose import Pose
-from tactape_fab.sense.decode.grid.posterior import Beliefs
 from tactape_fab.sense.decode.located_dots import ALIKE, OBSERVED, LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.sense.geometry import Geometry

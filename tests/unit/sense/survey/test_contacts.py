@@ -11,8 +11,8 @@ import pytest
 from tactape_fab import Localization, Localizer
 from tactape_fab.sense import simulate
 from tactape_fab.sense.decode.dots.rim import settled
+from tactape_fab.sense.decode.grid.beliefs import RIM_MM
 from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
-from tactape_fab.sense.decode.grid.posterior import RIM_MM
 from tactape_fab.sense.decode.result import LocatedDots
 from tactape_fab.sense.survey import contacts
 from tactape_fab.sense.survey.contacts import LEAST_DOTS, _unseen, contact_of, ground_of

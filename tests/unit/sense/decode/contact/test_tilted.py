@@ -31,9 +31,9 @@ from tactape_fab.sense.decode.contact.tilted import (
     _share_not_drawn,
     tilted_pose,
 )
+from tactape_fab.sense.decode.grid.beliefs import beliefs_of
 from tactape_fab.sense.decode.grid.long_parts import Drawn
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
-from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart

@@ -9,9 +9,10 @@ import pytest
 
 from tactape_fab import Localizer
 from tactape_fab.sense import Scene, iterate_frames, load_sensor
+from tactape_fab.sense.decode.grid.beliefs import RIM_MM, Beliefs, beliefs_of
 from tactape_fab.sense.decode.grid.displaced import LEAST_FREEDOM, LEAST_SHARE, SEEN, displaced
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
-from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, RIM_MM, Beliefs, beliefs_of, errors_of
+from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, errors_of
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE
 from tests.thorough import some

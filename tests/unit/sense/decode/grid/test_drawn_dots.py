@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactape_fab.sense.decode.grid.beliefs import LEAST_APART_MM, MOST_APART_MM
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
-from tactape_fab.sense.decode.grid.posterior import LEAST_APART_MM, MOST_APART_MM, _drawn
+from tactape_fab.sense.decode.grid.posterior import _drawn
 
 FAR_AWAY = [(90.0, 0.0), (0.0, 90.0), (90.0, 90.0), (-90.0, 0.0)]
 APART_MM = np.array([0.99, 1.01, 0.99, 1.01]) * np.repeat([LEAST_APART_MM, MOST_APART_MM], 2)

@@ -14,8 +14,8 @@ from tactape_fab import Localization, Localizer, Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense import Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.dots.rim import ONE_SIDED
+from tactape_fab.sense.decode.grid.beliefs import Beliefs, beliefs_of
 from tactape_fab.sense.decode.grid.pose import Pose
-from tactape_fab.sense.decode.grid.posterior import Beliefs, beliefs_of
 from tactape_fab.sense.decode.pixels.patches import BLURS_MM, fitted, pixel_fit, settled_patches
 from tactape_fab.sense.decode.pixels.refine import (
     AT_RIM,
