@@ -1,4 +1,4 @@
-"""What is known before a frame: priors of the camera, of the gel, and of what neighbours and a contact's rim do to a dot."""
+"""Priors of the camera, of the gel, and of what neighbours and a contact's rim do to a dot, as they are before a frame."""
 
 from __future__ import annotations
 
