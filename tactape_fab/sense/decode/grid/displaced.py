@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.grid.beliefs import RIM_MM, Beliefs
 from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, eliminate, errors_of
@@ -44,7 +44,7 @@ def displaced(pose: Pose, beliefs: Beliefs, weights: FloatArray) -> Pose:
     alike = errors_of(seen_mm, np.zeros(len(seen_mm)), none, 1.0, beliefs.correlation_mm)
     errors = fitted.errors_mm2[::step] / step, errors_mm2[::step].copy(), known_mm2[::step, ::step].copy()
     n, more = len(seen_mm), np.zeros((9, 9))
-    buffers = np.empty((58, n)), np.empty((3, n, n)), np.empty((3, 10, 9))
+    buffers = np.empty((60, n)), np.empty((3, n, n)), np.empty((3, 10, 10))
     if not _seen(rates, fitted.state, fitted.covariance, *errors, alike, *buffers, more):
         return pose
     return replace(
@@ -72,9 +72,9 @@ def _times(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
 
 @inner_kernel()
 def _products(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """Sums over dots and axes: rows (9 x 2, n) with rows (9 x 2, n) give (9, 9)."""
-    for j in range(9):
-        for k in range(9):
+    """Sums over dots and axes: rows (10 x 2, n) with rows (10 x 2, n) give (10, 10)."""
+    for j in range(10):
+        for k in range(10):
             total = 0.0
             for axis in range(2):
                 for i in range(a.shape[1]):
@@ -82,17 +82,7 @@ def _products(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
             out[j, k] = total
 
 
-@inner_kernel()
-def _sum(a: FloatArray, b: FloatArray) -> float:
-    """Of the products of the entries of two matrices."""
-    total = 0.0
-    for i in range(len(a)):
-        for j in range(a.shape[1]):
-            total += a[i, j] * b[i, j]
-    return total
-
-
-@inner_kernel()
+@inlined_kernel()
 def _invert(
     errors_mm2: FloatArray, known_mm2: FloatArray, alike: FloatArray, factor: float, variance: float, out: FloatArray
 ) -> None:
@@ -110,103 +100,58 @@ def _invert(
         eliminate(out, k, n)
 
 
-@inner_kernel()
-def _refit(
-    rates: FloatArray,
-    state: FloatArray,
-    inverse: FloatArray,
-    weighted: FloatArray,
-    rest: FloatArray,
-    left: FloatArray,
-    normal: FloatArray,
-) -> None:
-    """Fit the dots anew with other errors, from the solution, where the model is linear enough.
+@inlined_kernel()
+def _score(now: FloatArray, state: FloatArray, first: FloatArray, inverse: FloatArray, part: FloatArray) -> float:
+    """Fit the dots anew, and the derivative of the restricted log likelihood by the factor of errors of covariance `part`.
 
-    rates (10 x 2, n): Derivatives by the nine unknowns, and residuals.
-    inverse (n, n): V^-1, of the errors' covariance V along an axis.
-    weighted (9 x 2, n): X^T V^-1, filled in.
-    rest, left (2, n): Residuals, and these times V^-1, filled in.
-    normal (10, 9): Covariance of the unknowns, filled in; its last row is a work buffer.
+    The fit is one step from the solution, where the model is linear enough. The derivative is (r^T P K P r - tr P K) / 2, with
+    P = V^-1 - V^-1 X C X^T V^-1, r the residuals and K the covariance `part`.
+
+    now (10, 10): X^T V^-1 X with the residuals last. It becomes C, and its last column the step.
+    state (9,): The unknowns: all but the pose have a prior of 0 and are in its standard deviations.
+    first (10, 10): X^T V^-1 K V^-1 X with the residuals last.
+    inverse, part (n, n): V^-1 and K, of one axis.
     """
-    n = len(inverse)
-    _times(rates[:18], inverse, weighted)
-    _products(weighted, rates, normal)
-    for k in range(3, 9):  # the priors: all but the pose are in standard deviations
-        normal[k, k] += 1.0
+    for k in range(3, 9):
+        now[k, k] += 1.0
+        now[k, 9] -= state[k]
     for k in range(9):
-        eliminate(normal, k, 9)
-    towards = normal[9]
-    for axis in range(2):
-        for i in range(n):
-            rest[axis, i] = rates[18 + axis, i]
-    for k in range(9):
-        towards[k] = -state[k] if k >= 3 else 0.0
-        for axis in range(2):
-            for i in range(n):
-                towards[k] += weighted[2 * k + axis, i] * rates[18 + axis, i]
-    for k in range(9):
-        change = 0.0
-        for m in range(9):
-            change += normal[k, m] * towards[m]
-        for axis in range(2):
-            for i in range(n):
-                rest[axis, i] -= change * rates[2 * k + axis, i]
-    _times(rest, inverse, left)
+        eliminate(now, k, len(now) - 1)  # no literal: numba would compile it for each
+    total = first[9, 9]
+    for j in range(9):
+        total -= 2.0 * now[j, 9] * first[j, 9]
+        for k in range(9):
+            total += (now[j, 9] * now[k, 9] + now[j, k]) * first[j, k]
+    for i in range(len(part)):
+        for j in range(len(part)):
+            total -= 2.0 * inverse[i, j] * part[i, j]
+    return float(0.5 * total)
 
 
-@inner_kernel()
-def _score(
-    inverse: FloatArray,
-    weighted: FloatArray,
-    left: FloatArray,
-    covariance: FloatArray,
-    alike: FloatArray,
-    by: FloatArray,
-    first: FloatArray,
-) -> float:
-    """Derivative of the restricted log likelihood by the factor of errors of covariance `alike` (n, n).
+@inlined_kernel()
+def _information(now: FloatArray, first: FloatArray, second: FloatArray, whole: FloatArray) -> float:
+    """Information of the score, tr P K P K / 2.
 
-    It is (r^T P K P r - tr P K) / 2, with P = V^-1 - V^-1 X C X^T V^-1; arguments as `_refit` fills them in. `by` (9 x 2, n) and
-    `first` (9, 9) are filled in for `_information`.
+    now, first (10, 10): As `_score` leaves them.
+    second (10, 10): X^T V^-1 K V^-1 K V^-1 X.
+    whole (n, n): K V^-1 of one axis.
     """
-    _times(weighted, alike, by)
-    _products(by, weighted, first)
-    square = 0.0
-    for axis in range(2):
-        for i in range(len(inverse)):
-            for j in range(len(inverse)):
-                square += left[axis, i] * alike[i, j] * left[axis, j]
-    return float(0.5 * (square - 2.0 * _sum(inverse, alike) + _sum(first, covariance)))
-
-
-@inner_kernel()
-def _information(
-    inverse: FloatArray,
-    covariance: FloatArray,
-    alike: FloatArray,
-    by: FloatArray,
-    first: FloatArray,
-    second: FloatArray,
-    whole: FloatArray,
-    both: FloatArray,
-) -> float:
-    """Information of the score, tr P K P K / 2; `second` (9 x 2, n), `whole` (n, n) and `both` (9, 9) are work buffers."""
-    _times(alike, inverse, whole)
     total = 0.0
     for i in range(len(whole)):
         for j in range(len(whole)):
             total += whole[i, j] * whole[j, i]
-    _times(by, inverse, second)
-    _products(second, by, both)
-    total -= _sum(both, covariance)
     for j in range(9):
         for k in range(9):
-            both[j, k] = 0.0
+            total -= now[j, k] * second[j, k]
+    # C X^T V^-1 K V^-1 X takes the place of what is no longer read
+    for j in range(9):
+        for k in range(9):
+            second[j, k] = 0.0
             for m in range(9):
-                both[j, k] += covariance[j, m] * first[m, k]
+                second[j, k] += now[j, m] * first[m, k]
     for j in range(9):
         for k in range(9):
-            total += 0.5 * both[j, k] * both[k, j]
+            total += 0.5 * second[j, k] * second[k, j]
     return float(total)
 
 
@@ -219,52 +164,60 @@ def _seen(
     errors_mm2: FloatArray,
     known_mm2: FloatArray,
     alike: FloatArray,
-    buffer: FloatArray,
+    rows: FloatArray,
     squares: FloatArray,
     small: FloatArray,
     more: FloatArray,
 ) -> bool:
     """Whether a displacement shows; `more` (9, 9) is then by how much it enlarges the unknowns' covariance.
 
+    rates (10 x 2, n): Derivatives X by the nine unknowns at the solution, and residuals.
+    covariance (9, 9): Of the unknowns, of which `state` (9,) are the values, as they were fitted.
     weighed_mm2, errors_mm2 (n,): Variances of the dots' own errors as they were fitted with, and as they are at least. They
         are estimated anew, by one factor.
     known_mm2 (n, n): Covariance of errors besides; (0, 0) if there are none.
     alike (n, n): Covariance of a displacement of variance 1.
-    buffer (58, n), squares (3, n, n), small (3, 10, 9): Work buffers.
+    rows (60, n), squares (3, n, n), small (3, 10, 10): Work buffers.
     """
-    weighted, by, second, rest, left = buffer[:18], buffer[18:36], buffer[36:54], buffer[54:56], buffer[56:58]
+    weighted, by, again = rows[:20], rows[20:40], rows[40:]
     inverse, whole, own = squares[0], squares[1], squares[2]
-    now, first, both = small[0], small[1, :9], small[2, :9]
-    _invert(errors_mm2, known_mm2, alike, 1.0, 0.0, inverse)
-    _refit(rates, state, inverse, weighted, rest, left, now)
-    score = _score(inverse, weighted, left, now, alike, by, first)
-    if score <= 0.0:  # most frames end here
-        return False
-    information = _information(inverse, now, alike, by, first, second, whole, both)
-    above = score / np.sqrt(information)
-    if not above > SEEN:
-        return False
-    variance = score / information
-    for i in range(len(own)):
-        for j in range(len(own)):
-            own[i, j] = errors_mm2[i] if i == j else 0.0
-    _invert(errors_mm2, known_mm2, alike, 1.0, variance, inverse)
-    _refit(rates, state, inverse, weighted, rest, left, now)
-    score = _score(inverse, weighted, left, now, own, by, first)
-    factor = max(1.0 + score / _information(inverse, now, own, by, first, second, whole, both), LEAST_SHARE)
-    _invert(errors_mm2, known_mm2, alike, factor, variance, inverse)
-    _refit(rates, state, inverse, weighted, rest, left, now)
-    score = _score(inverse, weighted, left, now, alike, by, first)
-    information = _information(inverse, now, alike, by, first, second, whole, both)
-    variance = max(variance + score / information, LEAST_SHARE * variance)
-    freedom = max(2.0 * variance**2 * information, LEAST_FREEDOM)
-    # as that of a t distribution; from 0 at the limit, so that the covariance does not jump there
-    variance *= (1.0 - (SEEN / above) ** 2) * freedom / (freedom - 2.0)
+    now, first, second = small[0], small[1], small[2]
+    errors, factor, gel_mm2, above, variance = errors_mm2, 1.0, 0.0, 0.0, 0.0
+    # the displacement's variance, the factor of the dots' own, the former again, and what it does to the pose as it was fitted:
+    # in a loop, as all that is called is compiled into this kernel once per place
+    for step in range(4):
+        part = own if step == 1 else alike
+        _invert(errors, known_mm2, alike, factor, gel_mm2, inverse)
+        _times(rates, inverse, weighted)
+        _times(weighted, part, by)
+        _products(by, weighted, first)
+        if step == 3:
+            break
+        _products(weighted, rates, now)
+        score = _score(now, state, first, inverse, part)
+        if step == 0 and score <= 0.0:  # most frames end here
+            return False
+        _times(part, inverse, whole)
+        _times(by, inverse, again)
+        _products(again, by, second)
+        information = _information(now, first, second, whole)
+        if step == 0:
+            above, variance = score / np.sqrt(information), score / information
+            if not above > SEEN:
+                return False
+            for i in range(len(own)):
+                for j in range(len(own)):
+                    own[i, j] = errors_mm2[i] if i == j else 0.0
+            gel_mm2 = variance
+        elif step == 1:
+            factor = max(1.0 + score / information, LEAST_SHARE)
+        else:
+            variance = max(variance + score / information, LEAST_SHARE * variance)
+            freedom = max(2.0 * variance**2 * information, LEAST_FREEDOM)
+            # as that of a t distribution; from 0 at the limit, so that the covariance does not jump there
+            variance *= (1.0 - (SEEN / above) ** 2) * freedom / (freedom - 2.0)
+            errors, factor, gel_mm2 = weighed_mm2, 1.0, 0.0
     # covariance of the estimate A y, A = C X^T W, by errors V of y: A V A^T
-    _invert(weighed_mm2, known_mm2, alike, 1.0, 0.0, inverse)
-    _times(rates[:18], inverse, weighted)
-    _times(weighted, alike, by)
-    _products(by, weighted, first)
     for j in range(9):
         for k in range(9):
             for m in range(9):
