@@ -1,6 +1,6 @@
 """How much is tried: TACTAPE_THOROUGH=1 asks for all of it, and a run at a desk does with fewer examples of the same.
 
-`.ci/run` asks for all examples of what a desk tries, and by TACTAPE_PART for one fifth of the further cases, its commit's.
+`.ci/run` asks for all examples of what a desk tries, and by TACTAPE_PART for one tenth of the further cases, its commit's.
 """
 
 from __future__ import annotations
