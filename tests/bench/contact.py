@@ -38,6 +38,7 @@ PRESSES: dict[str, tuple[dict[str, Any], float]] = {
     "cylinder 15.7, oblique": ({"cylinder_radius_mm": 15.7}, OBLIQUE_DEG),
     "cylinder 30, oblique": ({"cylinder_radius_mm": 30.0}, OBLIQUE_DEG),
     "cylinder 50, oblique": ({"cylinder_radius_mm": 50.0}, OBLIQUE_DEG),
+    "cylinder 130, oblique": ({"cylinder_radius_mm": 130.0}, OBLIQUE_DEG),
 }
 """How a tape is pressed in, and by how much a cylinder's axis is turned from the image's width, degrees."""
 

@@ -80,6 +80,10 @@ ROWS = (
     Row(name="gel displaced 0.1 mm, 0.02 in the profile", scene=Scene(gel_displacement_um=100.0), displacement_um=20.0),
     *(Row(name=f"placement {mm:g} mm", scene=Scene(placement_mm=mm)) for mm in (0.05, 0.1)),
     *(Row(name=f"strip {width:g} mm", scene=STRIPS[width]) for width in (6.0, 5.0, 4.5)),
+    *(
+        Row(name=f"cylinder {mm:g} mm, oblique", scene=Scene(contact="strip", cylinder_radius_mm=mm, contact_turn_deg=30.0))
+        for mm in (16.0, 100.0)
+    ),
     Row(name="contact 7x7", scene=Scene(contact_mm=(7.0, 7.0))),
     Row(name="noise x2", scene=Scene(noise=2.0)),
 )

@@ -34,7 +34,13 @@ CROWN_ERROR = 0.004
 less may be those of a flat tape. A tape round a cylinder of 250 mm is foreshortened by 1e-4 at most."""
 MOST_CROWN = 0.01
 """Curvature, 1/mm, of tops up to which they may be those of a flat tape under the crown of a gel that is not known."""
-NARROW = 0.012
+DOME, DOME_BENDS = 0.5, (0.001, 0.003)
+"""Prior probability that tops which are bent are those of a flat tape under a dome, as contacts of the imprint model are; and the
+curvatures along the axis, 1/mm, between which it grows to that: on ellipses of 20x8 mm it is 0.0033, round cylinders 0."""
+WIDE, NOT_WIDE = 0.012, 0.018
+"""Curvatures, 1/mm, between which that probability falls to 0 where the profile's crown is left out: on ellipses of 14x9 mm,
+oblique in the image, what remains beside it is a bend of 0.008, and there is no crown in that model."""
+NARROW = 0.005
 """Curvature, 1/mm, from which a tape is looked at for a bend. Round 50 mm, oblique in the image and full of dots, angles are 0.07
 degrees off where that is left out and 0.019 are said, as tops are 1/200 further apart than the film (elastic simulator, 8 N);
 round 120 mm they are as said."""
@@ -160,14 +166,14 @@ def _bend(
     found, known = None, bool(crown.any())
     if known:
         found = bend_of(np.append(slopes, curvatures + crown), of_surface, gain_error, middle_mm, least)
-    if found is None and (level := _level(curvatures)) is not None:
+    if found is None and (level := level_of(curvatures)) is not None:
         known, of_surface = False, of_surface + np.diag([0.0, 0.0, ROUNDNESS**2, ROUNDNESS**2, 0.0])
         round_crown = np.array([level, level, 0.0])
         found = bend_of(np.append(slopes, curvatures + round_crown), of_surface, gain_error, middle_mm, least)
     return (None if found is not None and abs(found.curvature) <= CROWN_ERROR else found), known
 
 
-def _level(curvatures: FloatArray) -> float | None:
+def level_of(curvatures: FloatArray) -> float | None:
     """Curvature of a crown that is as round along u as along v and leaves a tape that is bent about one axis; None of no crown.
 
     A film is not bent about two axes: what the tops show along the axis of a cylinder is the gel's crown, whatever the profile
@@ -176,7 +182,18 @@ def _level(curvatures: FloatArray) -> float | None:
     uu, vv, uv = curvatures.tolist()
     mean, half = (uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv)
     level = -(mean + half if mean < 0.0 else mean - half)
-    return level if 2.0 * half > NARROW and -ROUNDNESS <= level <= MOST_CROWN else None
+    # a wide bend is at least as large as the crown beside it: contacts of the imprint model, which are domes, have 0.005 and 0.01
+    return level if 2.0 * half > NARROW and -ROUNDNESS <= level <= min(MOST_CROWN, 2.0 * half) else None
+
+
+def dome_of(plane: Plane) -> float:
+    """Prior probability that tops with a bend are those of a flat tape under a dome; 0 of a plane without."""
+    if plane.bend is None:
+        return 0.0
+    if plane.known:
+        return DOME * min(max((NOT_WIDE - abs(plane.bend.curvature)) / (NOT_WIDE - WIDE), 0.0), 1.0)
+    level, (least, most) = level_of(plane.shown[3:] / plane.gain) or 0.0, DOME_BENDS
+    return DOME * min(max((level - least) / (most - least), 0.0), 1.0)
 
 
 def _surface(

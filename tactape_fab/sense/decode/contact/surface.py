@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.contact.bent import Bend
 from tactape_fab.sense.decode.contact.layer import force_on
-from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, MOST_CROWN, NARROW, Plane, fit_plane, terms
+from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, MOST_CROWN, NARROW, Plane, dome_of, fit_plane, level_of, terms
 from tactape_fab.sense.decode.dots.detect import coarseness
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.posterior import eliminate
@@ -135,12 +135,14 @@ class Lie(NamedTuple):
     unsure: Standard deviation of its length as a share.
     bend: Of a tape that is bent about one axis.
     film: Whether the tops are flat or bent about one axis, as those of a film: it is tilted or bent then, whatever else.
+    dome: Prior probability that tops with a bend are those of a flat tape under a dome.
     """
 
     slope: FloatArray
     unsure: float
     bend: Bend | None
     film: bool
+    dome: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -212,7 +214,7 @@ class ContactSurface:
         # of the slope's length, as that is what foreshortens
         unsure = sqrt(float(slope @ plane.covariance[1:, 1:] @ slope)) / max(float(slope @ slope), LEAST_SLOPE**2)
         unsure = max(unsure, TOP_SIGMA if self.view.rough else SLOPE_SIGMA)
-        return Lie(slope=slope, unsure=unsure, bend=plane.bend, film=film)
+        return Lie(slope=slope, unsure=unsure, bend=plane.bend, film=film, dome=dome_of(plane))
 
     def _under_another_crown(self, plane: Plane) -> bool:
         """Whether the tops' curvature is that of a flat tape under a crown that the profile does not have, or has not quite."""
@@ -226,11 +228,10 @@ class ContactSurface:
     def _maybe_bent(self) -> bool:
         """Whether the tops' curvature may be that of a tape round a narrow cylinder, by a quick fit."""
         (u, v), unit_mm, crown_mm = self.view.px_per_mm, self.view.unit_mm, self.view.gel.crown_mm
-        uu, vv, uv = (self.curvatures * (unit_mm * u * u, unit_mm * v * v, unit_mm * u * v)).tolist()
-        half = hypot((uu - vv) / 2.0, uv)
-        if crown_mm is None:
-            return 2.0 * half > NARROW
-        uu, vv = uu + 1.0 / crown_mm[0], vv + 1.0 / crown_mm[1]
+        curvatures = self.curvatures * (unit_mm * u * u, unit_mm * v * v, unit_mm * u * v)
+        if crown_mm is None or level_of(curvatures) is not None:
+            return level_of(curvatures) is not None
+        uu, vv, uv = (curvatures + np.array([1.0 / crown_mm[0], 1.0 / crown_mm[1], 0.0])).tolist()
         mean, half = abs(uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv)
         return bool(mean + half > NARROW and mean - half < ONE_SIDED * (mean + half))
 

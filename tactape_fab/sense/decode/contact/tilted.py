@@ -86,7 +86,7 @@ def tilted_pose(
     heights (n,): Of the tops, in any unit.
     border_mm (n,): How far dots are from the image's border.
     """
-    slope, unsure, bend, film = lie
+    slope, unsure, bend, film, dome = lie
     square = float(slope @ slope)
     # a ramp from 0.75 to 1 degree, so that a pose does not jump where the slope passes a limit
     share = min(max((sqrt(square) - LEAST_SLOPE) / (WHOLLY - LEAST_SLOPE), 0.0), 1.0)
@@ -100,6 +100,7 @@ def tilted_pose(
         if share == 0.0:
             return replace(pose, covariance=pose.covariance + np.outer(slight, slight)), offset_px, False
     # of the height 1 - w that a dot misses only a share counts (`RELIABLE`), as far as the contact is tilted
+    detected = weights
     weights = 1.0 - (1.0 - weights) * (1.0 - share + share * np.clip((RELIABLE - weights) / STEEPNESS, LOW, 1.0))
     weights = np.where(border_mm < BORDER_MM, np.minimum(weights, AT_BORDER), weights)
     drawn = share * view.px_per_mm * _drawn_mm(_relative_slopes(heights, offset_px / view.px_per_mm), pose, view)
@@ -127,24 +128,40 @@ def tilted_pose(
         other = fit_pose(by, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
         change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
-    apart = np.array([*(pose.position_mm - found.position_mm), remainder(pose.theta_rad - found.theta_rad, tau)])
     count = float(pose.agree.sum())
-    not_drawn = 0.0 if film else _share_not_drawn(found.sigma_mm, pose.sigma_mm, count)
-    # a mixture of two poses with probabilities p and 1 - p: the mean of both covariances, and p (1 - p) times the square of how
-    # far they are apart (law of total variance)
-    strain = changes.T @ changes + (1.0 - not_drawn) * not_drawn * np.outer(apart, apart)
+    # without drawn tops the tape is flat, under a dome or none, or a film that is bent all the same
+    undrawn, undrawn_px, not_drawn = pose, offset_px, 0.0
+    if not film:
+        if bend is not None:
+            undrawn_px = _flat(offset_px, slope, bend, view)
+            undrawn = fit_pose(undrawn_px, texture_mm, detected, view.px_per_mm, view.beliefs)
+        not_drawn = _share_not_drawn(found.sigma_mm, undrawn.sigma_mm, count) if undrawn.finite else 0.0
     # the variance of a dot, a weighted mean of the frame's and of the prior's, over the frame's
     own = max((count + USUAL_DOTS * (USUAL_MM / found.sigma_mm) ** 2) / (count + USUAL_DOTS), 1.0)
     own -= CANCELS * min(CANCELS_MM / found.sigma_mm, 1.0) ** 2
-    towards = not_drawn * apart
-    mixed = replace(
-        found,
-        position_mm=found.position_mm + towards[:2],
-        theta_rad=remainder(found.theta_rad + float(towards[2]), tau),
-        covariance=(1.0 - not_drawn) * own * found.covariance + not_drawn * pose.covariance + strain,
-        agree=pose.agree,
+    found = replace(found, covariance=own * found.covariance, agree=pose.agree)
+    shares = (1.0 - dome, 0.0, dome) if film else (1.0 - not_drawn, (1.0 - dome) * not_drawn, dome * not_drawn)
+    mixed = _mixture(shares, (found, undrawn, pose), changes.T @ changes)
+    likeliest = int(np.argmax(shares))
+    return mixed, (moved, undrawn_px, offset_px)[likeliest], likeliest == 0
+
+
+def _mixture(shares: tuple[float, ...], poses: tuple[Pose, ...], strain: FloatArray) -> Pose:
+    """The first of poses with mean and covariance of their mixture (law of total variance).
+
+    shares: Probability of each.
+    strain (3, 3): Covariance of errors that all have besides.
+    """
+    first, of = poses[0], np.array(shares)
+    apart = np.array([[*(p.position_mm - first.position_mm), remainder(p.theta_rad - first.theta_rad, tau)] for p in poses])
+    towards = of @ apart
+    scatter = (of * (apart - towards).T) @ (apart - towards)
+    return replace(
+        first,
+        position_mm=first.position_mm + towards[:2],
+        theta_rad=remainder(first.theta_rad + float(towards[2]), tau),
+        covariance=np.tensordot(of, [p.covariance for p in poses], 1) + scatter + strain,
     )
-    return (mixed, moved, True) if not_drawn < 0.5 else (mixed, offset_px, False)
 
 
 def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:

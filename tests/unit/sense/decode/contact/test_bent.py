@@ -13,6 +13,7 @@ from tactape_fab import Localizer
 from tactape_fab.sense import ElasticContact, Scene, iterate_frames, load_sensor
 from tactape_fab.sense.decode.contact.bent import Bend, bend_of
 from tactape_fab.sense.geometry import Geometry
+from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE, nees, pose_error, tape_of
 from tests.thorough import slow
@@ -118,7 +119,9 @@ PRESSES: dict[str, tuple[float, dict[str, Any]]] = {
     "elastic, 8 mm, 4 off": (4.0, {"elastic": ROUND_8}),
     "elastic, 30 mm": (0.0, {"elastic": replace(ROUND_8, cylinder_radius_mm=30.0, force_n=0.5)}),
     "elastic, 50 mm": (0.0, {"elastic": replace(ROUND_8, cylinder_radius_mm=50.0, force_n=8.0)}),
+    "elastic, 130 mm": (0.0, {"elastic": replace(ROUND_8, cylinder_radius_mm=130.0, force_n=8.0)}),
     "elastic, 8 mm, in the centre": (0.0, {"elastic": ROUND_8}),
+    "imprint, 100 mm": (0.0, {"contact": "strip", "cylinder_radius_mm": 100.0}),
     "imprint, 8.4 mm, 4 off": (4.0, {"contact": "strip", "strip_width_mm": 4.5, "cylinder_radius_mm": 8.4}),
 }
 
@@ -141,7 +144,8 @@ def squares_of(localizer: Localizer, off_mm: float, press: dict[str, Any]) -> li
 def test_an_oblique_cylinder_is_as_sure_as_it_is_said(off_mm: float, press: dict[str, Any]) -> None:
     """Taken for a tilted plane, position and angle were 8 to 28 standard deviations off, 3 degrees and 0.1 mm, 4 mm beside.
 
-    Round 50 mm it was taken for flat: NEES/3 was 7, as the angle was four standard deviations off.
+    Round 50 mm it was taken for flat: NEES/3 was 7, as the angle was four standard deviations off. Round 130 mm it was 2 under
+    8 N, and 23 in the imprint model round 100.
     """
     assert np.mean(squares_of(Localizer([TAPE], refine="dots"), off_mm, press)) < 3.0
 
@@ -150,14 +154,24 @@ def test_an_oblique_cylinder_is_as_sure_as_it_is_said(off_mm: float, press: dict
 def test_round_a_cylinder_the_crown_of_a_gel_is_what_is_along_the_axis(unit_mm: float | None) -> None:
     """Sensors whose profile has no crown, or no unit either: NEES/3 was 20, as the tape was taken for flat."""
     sensor = replace(CROWNLESS, depth_unit_mm=unit_mm)
-    assert np.mean(squares_of(Localizer([TAPE], sensor, refine="dots"), *PRESSES["elastic, 50 mm"])) < 4.0
+    localizer = Localizer([TAPE], sensor, refine="dots")
+    assert np.mean(squares_of(localizer, *PRESSES["elastic, 50 mm"])) < 2.0
+    # tops that fit as well undrawn were those of a flat tape: angles were 0.16 degrees off
+    assert np.mean(squares_of(localizer, 0.0, {"elastic": replace(ROUND_8, cylinder_radius_mm=16.0, force_n=8.0)})) < 1.5
 
 
 def test_where_the_profile_s_crown_would_leave_a_saddle_it_is_not_the_gel_s() -> None:
-    """The imprint model has no crown: round 50 mm NEES/3 was 42. Domes of twice the length are no cylinders."""
+    """The imprint model has no crown: round 50 mm NEES/3 was 42, and round 52 mm 40."""
     strip = {"contact": "strip", "strip_width_mm": 10.0, "cylinder_radius_mm": 50.0}
-    assert np.mean(squares_of(Localizer([TAPE], refine="dots"), 0.0, strip)) < 3.0
-    assert np.mean(squares_of(Localizer([TAPE], CROWNLESS, refine="dots"), 0.0, {"contact_mm": (14.0, 6.0)})) < 2.0
+    localizer = Localizer([TAPE], refine="dots")
+    assert np.mean(squares_of(localizer, 0.0, strip)) < 2.0
+    assert np.mean(squares_of(localizer, 0.0, {"contact": "strip", "cylinder_radius_mm": 52.0})) < 2.0
+
+
+@pytest.mark.parametrize(("sensor", "contact_mm"), [(CROWNLESS, (14.0, 6.0)), (CROWNLESS, (20.0, 8.0)), (MINI, (14.0, 9.0))])
+def test_a_dome_that_looks_like_a_cylinder_is_less_sure(sensor: SensorProfile, contact_mm: tuple[float, float]) -> None:
+    """Ellipses of the imprint model are domes on a flat tape: taken for bent ones NEES/3 was 4."""
+    assert np.mean(squares_of(Localizer([TAPE], sensor, refine="dots"), 0.0, {"contact_mm": contact_mm})) < 2.0
 
 
 @slow

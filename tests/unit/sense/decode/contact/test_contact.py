@@ -14,7 +14,7 @@ import pytest
 from tactape_fab import Localization, Localizer
 from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.contact.layer import force_on
-from tactape_fab.sense.decode.contact.plane import GAIN, Plane, fit_plane, terms
+from tactape_fab.sense.decode.contact.plane import GAIN, Plane, dome_of, fit_plane, terms
 from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
@@ -76,12 +76,29 @@ def test_only_a_tape_that_is_bent_about_one_axis_has_a_bend() -> None:
     other = plane_of(*tops((0.02, 0.01), GAIN, 1 / 15.7), crown_mm=None)
     assert other.bend is not None and not other.known and other.bend.curvature_sigma > bent.curvature_sigma
     assert other.bend.curvature == pytest.approx(-1 / 15.7 - 1 / CROWN_MM[1] + 1 / CROWN_MM[0], abs=0.001)
-    assert plane_of(*tops((0.02, 0.01), GAIN, 0.005), crown_mm=None).bend is None
+    assert plane_of(*tops((0.02, 0.01), GAIN, 0.001), crown_mm=None).bend is None
     # a dome may slope as in the contact's middle, 3.2 mm from the image's centre
     at, heights, weights = tops((0.0, 0.0), GAIN)
     dome = plane_of(at, heights - GAIN * (at**2).sum(axis=1) / 40.0, weights)
     assert dome.bend is None and not dome.flat
     assert np.sqrt(dome.covariance[1:, 1:].diagonal()) == pytest.approx(np.hypot(*at.mean(axis=0)) / 20.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("curvature", "crown_mm", "share"),
+    [(0.0, CROWN_MM, 0.0), (0.01, CROWN_MM, 0.5), (0.015, CROWN_MM, 0.25), (0.03, CROWN_MM, 0.0), (0.03, None, 0.5)],
+)
+def test_wide_bends_and_those_beside_an_unknown_crown_may_be_domes(
+    curvature: float, crown_mm: tuple[float, float] | None, share: float
+) -> None:
+    assert dome_of(plane_of(*tops((0.02, 0.01), GAIN, curvature), crown_mm=crown_mm)) == pytest.approx(share, abs=0.06)
+
+
+@pytest.mark.parametrize(("level", "share"), [(0.0, 0.0), (0.002, 0.25), (0.006, 0.5)])
+def test_tops_that_are_bent_along_the_axis_too_may_be_those_of_a_dome(level: float, share: float) -> None:
+    at, _, weights = tops((0.0, 0.0))
+    bent_mm = 0.3 - GAIN * (0.03 * at[:, 1] ** 2 + level * at[:, 0] ** 2) / 2.0
+    assert dome_of(plane_of(at, bent_mm, weights, crown_mm=None)) == pytest.approx(share, abs=0.06)
 
 
 def test_tops_of_no_film_say_how_unsure_their_slope_is() -> None:

@@ -262,11 +262,18 @@ class Fits:
         monkeypatch.setattr(tilted, "fit_pose", self)
 
     def __call__(
-        self, places: FloatArray, texture: FloatArray, weights: FloatArray, scale: float, known: object, *, unsure_px: FloatArray
+        self,
+        places: FloatArray,
+        texture: FloatArray,
+        weights: FloatArray,
+        scale: float,
+        known: object,
+        *,
+        unsure_px: FloatArray | None = None,
     ) -> Pose:
         self.places.append(places)
         self.weights.append(weights)
-        self.unsure.append(unsure_px)
+        self.unsure.append(np.zeros((0, 2)) if unsure_px is None else unsure_px)
         found = replace(pose_of(), position_mm=PLACE_MM + places.mean(axis=0) / scale, covariance=np.diag([1e-6, 2e-6, 3e-6]))
         return replace(found, **self.said)
 
@@ -297,8 +304,8 @@ def asked(
     )
 
 
-def lie_of(slope: FloatArray, *, unsure: float = 0.0, bend: Bend | None = None, film: bool = True) -> Lie:
-    return Lie(slope=slope, unsure=unsure, bend=bend, film=film)
+def lie_of(slope: FloatArray, *, unsure: float = 0.0, bend: Bend | None = None, film: bool = True, dome: float = 0.0) -> Lie:
+    return Lie(slope=slope, unsure=unsure, bend=bend, film=film, dome=dome)
 
 
 HALF_WAY = np.array([(LEAST_SLOPE + WHOLLY) / 2, 0.0])
@@ -438,6 +445,26 @@ def test_tops_of_no_film_are_drawn_or_not_by_what_fits_better(monkeypatch: pytes
     assert worse[2] and worse[0].position_mm == pytest.approx(PLACE_MM - apart, abs=1e-5)
     film = asked(lie._replace(film=True), pose=before)
     assert film[2] and film[0].position_mm == pytest.approx(PLACE_MM - apart)
+
+
+@pytest.mark.parametrize(("film", "dome"), [(False, 0.0), (False, 0.25), (True, 0.25)])
+def test_tops_with_a_bend_are_those_of_a_film_or_of_a_dome_on_a_flat_one(
+    film: bool, dome: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A point 4 mm from the line that touches is at an arc of 10 asin(0.4), less what its part is higher."""
+    Fits(monkeypatch, covariance=np.zeros((3, 3)), sigma_mm=0.02)
+    at_mm, rest = np.tile([[4.0, 1.0]], (25, 1)), 1.0 - 0.23 / 10.0
+    arc_mm, before = (
+        10.0 * np.arcsin(0.4) * rest,
+        replace(pose_of(), position_mm=PLACE_MM + np.array([4.0, 1.0]), covariance=np.zeros((3, 3))),
+    )
+    lie = lie_of(np.zeros(2), bend=BEND, film=film, dome=dome)
+    pose, places, drawn = asked(lie, pose=before, at_mm=at_mm, view=replace(VIEW, part=SQUARE))
+    flat = dome if film else dome / (1.0 + AS_DRAWN)  # both fit alike
+    assert pose.position_mm[0] - PLACE_MM[0] == pytest.approx(4.0 * flat + arc_mm * (1.0 - flat), abs=1e-4)
+    height = pose.covariance[0, 0] - flat * (1.0 - flat) * (arc_mm - 4.0) ** 2
+    assert height == pytest.approx((UNSTRETCHED_MM / 10.0 * 10.0 * np.arcsin(0.4)) ** 2, rel=0.01)
+    assert drawn == film and places[0, 0] / R == pytest.approx(arc_mm)
 
 
 @pytest.mark.parametrize("said", [{"sigma_mm": 0.0}, {"sigma_mm": inf}, {"covariance": np.full((3, 3), inf)}])
