@@ -229,8 +229,10 @@ class ContactSurface:
         """Whether the tops' curvature may be that of a tape round a narrow cylinder, by a quick fit."""
         (u, v), unit_mm, crown_mm = self.view.px_per_mm, self.view.unit_mm, self.view.gel.crown_mm
         curvatures = self.curvatures * (unit_mm * u * u, unit_mm * v * v, unit_mm * u * v)
-        if crown_mm is None or level_of(curvatures) is not None:
-            return level_of(curvatures) is not None
+        if level_of(curvatures) is not None:
+            return True
+        if crown_mm is None:
+            return False
         uu, vv, uv = (curvatures + np.array([1.0 / crown_mm[0], 1.0 / crown_mm[1], 0.0])).tolist()
         mean, half = abs(uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv)
         return bool(mean + half > NARROW and mean - half < ONE_SIDED * (mean + half))

@@ -34,3 +34,19 @@ def test_long_parts_push_their_neighbours_farther_along_themselves() -> None:
     _drawn(pair, pair, np.ones(2), np.cos(theta), np.sin(theta), 0.5, 0.0, -lean[0], -lean[1], np.empty((2, 2)), out)
     assert out[0, :, 1] == pytest.approx([-lean[1], 1.0])  # along v, and towards the length that is at 45 degrees in the image
     assert beliefs_of(SENSOR, fixed_scale=False, part=replace(part, shape="pin")).lean == (0.0, 0.0)
+
+
+def test_parts_lean_along_their_own_direction() -> None:
+    """At 30 degrees up from the board's +x: 60 degrees twice, and texture +y is down."""
+    part = TapePart(name="r0201", shape="block", body_mm=(0.6, 0.3, 0.23), rotation_deg=30.0)
+    lean = beliefs_of(SENSOR, fixed_scale=False, part=part).lean
+    assert lean == pytest.approx((PUSH_LEAN / 3.0 * 0.5, -PUSH_LEAN / 3.0 * 0.75**0.5))
+
+
+def test_the_distortion_s_centre_and_corner_are_on_the_gel() -> None:
+    sensor = replace(SENSOR, px_per_mm=(16.0, 12.0), geometry=Geometry(center_px=(100.0, 80.0), sigma_px_per_mm=0.08))
+    beliefs = beliefs_of(sensor, fixed_scale=False)
+    assert beliefs.sigmas[0] == pytest.approx(0.08 / 16.0)
+    middle_px = (np.array([SENSOR.width_px, SENSOR.height_px]) - 1.0) / 2.0
+    assert beliefs.centre_mm == pytest.approx(((100.0, 80.0) - middle_px) / (16.0, 12.0))
+    assert beliefs.corner_mm == pytest.approx(np.full(2, np.hypot(*middle_px)) / (16.0, 12.0), rel=0.01)
