@@ -133,9 +133,10 @@ def tilted_pose(
     undrawn, undrawn_px, not_drawn = pose, offset_px, 0.0
     if not film:
         if bend is not None:
-            undrawn_px = _flat(offset_px, slope, bend, view)
-            undrawn = fit_pose(undrawn_px, texture_mm, detected, view.px_per_mm, view.beliefs)
-        not_drawn = _share_not_drawn(found.sigma_mm, undrawn.sigma_mm, count) if undrawn.finite else 0.0
+            laid_px = _flat(offset_px, slope, bend, view)
+            laid = fit_pose(laid_px, texture_mm, detected, view.px_per_mm, view.beliefs)
+            undrawn, undrawn_px = (laid, laid_px) if laid.finite else (pose, offset_px)
+        not_drawn = _share_not_drawn(found.sigma_mm, undrawn.sigma_mm, count)
     # the variance of a dot, a weighted mean of the frame's and of the prior's, over the frame's
     own = max((count + USUAL_DOTS * (USUAL_MM / found.sigma_mm) ** 2) / (count + USUAL_DOTS), 1.0)
     own -= CANCELS * min(CANCELS_MM / found.sigma_mm, 1.0) ** 2

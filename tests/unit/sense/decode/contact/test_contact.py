@@ -14,7 +14,7 @@ import pytest
 from tactape_fab import Localization, Localizer
 from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.contact.layer import force_on
-from tactape_fab.sense.decode.contact.plane import GAIN, Plane, dome_of, fit_plane, terms
+from tactape_fab.sense.decode.contact.plane import GAIN, GAIN_SIGMA, ROUNDNESS, Plane, dome_of, fit_plane, terms
 from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
@@ -82,6 +82,28 @@ def test_only_a_tape_that_is_bent_about_one_axis_has_a_bend() -> None:
     dome = plane_of(at, heights - GAIN * (at**2).sum(axis=1) / 40.0, weights)
     assert dome.bend is None and not dome.flat
     assert np.sqrt(dome.covariance[1:, 1:].diagonal()) == pytest.approx(np.hypot(*at.mean(axis=0)) / 20.0, rel=0.05)
+
+
+@pytest.mark.parametrize(("crown_mm", "roundness"), [(CROWN_MM, 0.0), (None, ROUNDNESS)])
+def test_a_bend_is_as_sure_as_its_surface_and_the_crown_s_roundness(
+    crown_mm: tuple[float, float] | None, roundness: float
+) -> None:
+    at, heights, weights = tops((0.02, 0.01), GAIN, 0.03)
+    plane = plane_of(at, heights, weights, crown_mm=crown_mm)
+    assert plane.bend is not None
+    x, y = at.mean(axis=0)
+    of_surface = plane.shown_variance[1:, 1:] / GAIN**2 + np.diag([0.0, 0.0, roundness**2, roundness**2, 0.0])
+    along = np.array([-1.0, 0.0, -x, 0.0, -y])  # the axis is along u
+    gain_error = GAIN_SIGMA / GAIN
+    assert plane.bend.along_sigma == pytest.approx(
+        np.hypot(np.sqrt(along @ of_surface @ along), gain_error * plane.bend.along), rel=0.02
+    )
+    of_curvature = np.hypot(np.sqrt(of_surface[3, 3]), gain_error * plane.bend.curvature)
+    assert plane.bend.curvature_sigma == pytest.approx(of_curvature, rel=0.02)
+    across = np.array([0.0, 1.0, 0.0, y, x])
+    saddle = 0.0 if crown_mm is not None else 1.0 / CROWN_MM[1] - 1.0 / CROWN_MM[0]
+    slope = np.hypot(np.sqrt(across @ of_surface @ across), gain_error * (0.01 - y * (0.03 + saddle)))
+    assert plane.bend.angle_sigma == pytest.approx(slope, rel=0.05)
 
 
 @pytest.mark.parametrize(

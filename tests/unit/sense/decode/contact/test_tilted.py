@@ -467,6 +467,17 @@ def test_tops_with_a_bend_are_those_of_a_film_or_of_a_dome_on_a_flat_one(
     assert drawn == film and places[0, 0] / R == pytest.approx(arc_mm)
 
 
+def test_a_film_that_fits_nowhere_without_the_draw_is_taken_for_flat_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Undrawn(Fits):
+        def __call__(self, *args: Any, unsure_px: FloatArray | None = None) -> Pose:
+            found = super().__call__(*args, unsure_px=unsure_px)
+            return found if unsure_px is not None else replace(found, covariance=np.full((3, 3), inf))
+
+    Undrawn(monkeypatch, sigma_mm=0.02)
+    pose, places, drawn = asked(lie_of(np.zeros(2), bend=BEND, film=False), pose=pose_of(sigma_mm=0.02))
+    assert pose.finite and not drawn and places == pytest.approx(GRID_MM * R)
+
+
 @pytest.mark.parametrize("said", [{"sigma_mm": 0.0}, {"sigma_mm": inf}, {"covariance": np.full((3, 3), inf)}])
 def test_a_pose_that_is_none_under_the_tilt_stays_as_it_was(said: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     Fits(monkeypatch, **said)

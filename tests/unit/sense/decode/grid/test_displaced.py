@@ -95,19 +95,21 @@ def test_poses_without_dots_stay() -> None:
     assert displaced(pose, STOCK, np.ones(1)) is pose
 
 
-@pytest.mark.parametrize(("known_mm", "half_mm"), [(0.0, 6.0), (0.0, 4.0), (0.03, 5.0)])
-def test_the_added_covariance_is_that_of_dense_matrices(known_mm: float, half_mm: float) -> None:
+@pytest.mark.parametrize(("known_mm", "half_mm", "step"), [(0.0, 6.0, 1), (0.0, 4.0, 1), (0.03, 5.0, 1), (0.0, 11.0, 2)])
+def test_the_added_covariance_is_that_of_dense_matrices(known_mm: float, half_mm: float, step: int) -> None:
+    """Of more than a hundred dots every other one stands for two where the fit weighs them."""
     beliefs = replace(STOCK, gel_mm=known_mm)
     pose, weights = fitted(0.12, 5, half_mm=half_mm, beliefs=beliefs)
     dots = pose.fitted
     assert dots is not None
-    n, rates = len(dots.errors_mm2), dots.rates[:9].reshape(9, -1)
-    apart = ((dots.seen_mm[:, None] - dots.seen_mm) ** 2).sum(axis=2)
-    alike, own = (np.kron(np.eye(2), one) for one in (np.exp(-apart / (2.0 * LONG_MM**2)), np.diag(dots.errors_mm2)))
+    n, seen_mm, rates = len(dots.errors_mm2), dots.seen_mm[::step], dots.rates[:9, :, ::step].reshape(9, -1)
+    assert (step - 1) * MOST_CORRELATED < n <= step * MOST_CORRELATED
+    apart = ((seen_mm[:, None] - seen_mm) ** 2).sum(axis=2)
+    alike, own = (np.kron(np.eye(2), one) for one in (np.exp(-apart / (2.0 * LONG_MM**2)), np.diag(dots.errors_mm2[::step])))
     known = known_mm**2 * alike
     # priors as errors of the dots; the pose's are flat: 10 m and 10 rad
     priors = rates.T @ np.diag([1e8, 1e8, 1e2] + [1.0] * 6) @ rates
-    target = dots.rates[9].ravel() + dots.state @ rates
+    target = dots.rates[9, :, ::step].ravel() + dots.state @ rates
 
     def likelihood(errors: FloatArray, by: FloatArray) -> tuple[float, float]:
         """Score and information of the variance of errors `by` in the law of all dots, priors included."""
@@ -124,7 +126,7 @@ def test_the_added_covariance_is_that_of_dense_matrices(known_mm: float, half_mm
     variance = max(variance + score / information, LEAST_SHARE * variance)
     freedom = max(2.0 * variance**2 * information, LEAST_FREEDOM)
     variance *= (1.0 - (SEEN / above) ** 2) * freedom / (freedom - 2.0)
-    estimate = dots.covariance @ rates @ np.linalg.inv(own + known)
+    estimate = dots.covariance @ rates @ np.linalg.inv(own / step + known)
     expected = (variance * estimate @ alike @ estimate.T)[:3, :3]
     added = displaced(pose, beliefs, weights).covariance - pose.covariance
     assert added == pytest.approx(dots.turn @ expected @ dots.turn.T, rel=0.02, abs=1e-9)
