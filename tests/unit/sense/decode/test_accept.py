@@ -16,7 +16,7 @@ from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _off_sca
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.rank import Reading
-from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, MISREAD_SHARE, Limits
+from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, MISREAD_SHARE, SCALE_ERROR, Limits
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import PlanePlace
 from tactape_fab.sense.decode.search.rivals import Rivals
@@ -44,7 +44,7 @@ def test_what_is_clear_is_accepted() -> None:
 
 def test_a_scale_that_is_far_off_is_another_or_that_of_another_pitch() -> None:
     view = Localizer([TAPE])._view
-    assert _off_scale(view.px_per_mm * (1.0 + view.scale_tolerance + 0.9 * accept.SCALE_ERROR), view) is None
+    assert _off_scale(view.px_per_mm * (1.0 + view.scale_tolerance + 0.9 * SCALE_ERROR), view) is None
     said = _off_scale(1.2 * view.px_per_mm, view)
     assert said is not None and said.startswith(f"the tape is seen at {1.2 * view.px_per_mm:.4g} px/mm, +20.0% off")
     assert said.endswith(f"another scale, or a tape of W {1.2 * W:.3g} mm")
