@@ -16,6 +16,7 @@ from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_siz
 from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault, of_two_kinds, without_repeats
 from tactape_fab.sense.calibrate.presses import Frame
 from tactape_fab.sense.calibrate.valid import valid_pixels
+from tactape_fab.sense.decode.accept import NOT_REGISTERED
 from tactape_fab.sense.decode.dots.frame_dots import detected
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import SOLID_DOTS, Localization
@@ -113,6 +114,11 @@ def look_at_frames(
         if fix.reason is not None and fix.n_dots >= SOLID_DOTS and not (mixed and IN_PROFILE in fix.reason)
     )
     wrong += [f"{count} of {len(images)} frames: {reason}" for reason, count in _named(reasons)]
+    if found and px_per_mm is None and sensor.px_per_mm != like.px_per_mm:
+        u, v = sensor.px_per_mm
+        wrong.append(f"frames of this size are located at px_per_mm = [{u:.4g}, {v:.4g}]; set it{IN_PROFILE}, or calibrate")
+    if 2 * sum(NOT_REGISTERED in (fix.reason or "") for fix in answers) > len(answers):
+        return FirstFrames(frames=looks, wrong=tuple(wrong), next_step="another tape was pressed; give its kit")
     if found == 0:
         problems = _of_profile(images, tapes, sensor, max(fix.n_dots for fix in answers))
         wrong.append(problems if px_per_mm is None else of_file_scale(problems))

@@ -47,6 +47,7 @@ there so many registered places of even weight. 256 tapes of the default size ha
 _BY_CHANCE = 1e-5
 """Share of max_p_false. Where p_tape is below it, chance does not explain the dots; nor can an unregistered tape at its default
 origin by its edge, where dots beyond it may be anything."""
+NOT_REGISTERED = "which is not registered"
 _TILTED = "the contact is tilted or bent: its pressure falls across the parts, which the dots' heights tell and pixels do not"
 _ON_FLANK = "the tape is bent away from under the image centre, so that no place is under it; press nearer to the image's middle"
 
@@ -251,7 +252,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
 
 
 def _unregistered(name: str) -> str:
-    return f"looks like {name}, which is not registered"
+    return f"looks like {name}, {NOT_REGISTERED}"
 
 
 def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int) -> str | None:

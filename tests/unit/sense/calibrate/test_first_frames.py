@@ -13,6 +13,7 @@ from tactape_fab.sense import Scene, SensorProfile, calibrate_sensor, iterate_fr
 from tactape_fab.sense.calibrate.first_frames import _named, _of_values, look_at_frames
 from tactape_fab.sense.calibrate.orientation import fitted_size
 from tactape_fab.sense.calibrate.presses import Frame
+from tests.tapes import tape_at
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
 
 
@@ -140,6 +141,24 @@ def test_what_is_said_of_frames_of_another_size_does_as_typed() -> None:
     found = look_at_frames(cut, [TAPE], typed)
     assert found.wrong == () and all(look.located for look in found.frames)
     assert "height_px = 200 and rotate90 = 0 in the sensor profile" in said(cut[:1], replace(STOCK, rotate90=2))
+
+
+def test_frames_of_half_the_size_that_are_located_have_their_scale_said() -> None:
+    """Where the size alone was set, every frame was refused for its scale."""
+    half = [frame[::2, ::2] for frame in good()]
+    text = said(half)
+    assert "set width_px = 160, height_px = 120 in the sensor profile" in text
+    assert "located at px_per_mm = [7.5, 7.5]; set it in the sensor profile, or calibrate" in text
+    found = look_at_frames(half, [TAPE], replace(TRUE, width_px=160, height_px=120, px_per_mm=(7.5, 7.5)))
+    assert found.wrong == () and all(look.located for look in found.frames)
+
+
+def test_frames_of_a_tape_that_was_not_named_are_asked_for_its_kit() -> None:
+    """They fit it by this profile: there is nothing to set, and calibrating on the tape that was named would be refused."""
+    shown = tape_at(8, (62, 32))
+    found = look_at_frames([frame.depth for frame in iterate_frames(shown, 3, 4, TRUE)], [TAPE], TRUE)
+    assert len(found.wrong) == 1 and "looks like sector 8 of" in found.wrong[0]
+    assert found.next_step == "another tape was pressed; give its kit"
 
 
 def test_frames_of_another_size_have_their_field_of_view_upright() -> None:
