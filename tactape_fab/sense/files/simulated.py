@@ -16,7 +16,7 @@ import numpy as np
 
 from tactape_fab.base.build_date import zip_date, zip_entry
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, refuse, tried
-from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder, unfinished
 from tactape_fab.base.templates import DEFAULT_SENSOR
@@ -129,7 +129,7 @@ def simulate_file(
     if from_cpl and places not in (None, "cpl"):
         problems.append(Problem("from", f"--from {places} and --from-cpl both name the parts' places; give one of them"))
     elif as_built is not None and places != "as-built":
-        message = "as-built is a file of measured places, and nothing asks for them; add --from as-built"
+        message = f"as_built = {shown(as_built)} names measured places, and nothing asks for them; add --from as-built"
         problems.append(Problem("as-built", message))
     named = Fields({"from": "cpl" if from_cpl else "design" if places is None else places}, problems=problems)
     source = named.text("from", choices=PLACES, default="design")
@@ -177,7 +177,7 @@ def _scene(options: Mapping[str, Any]) -> Scene:
     if chosen == "elastic":
         return _elastic_scene(options)
     model.problems += [
-        Problem(name, f"{name.replace('_', '-')} belongs to an elastic contact; add --contact-model elastic")
+        Problem(name, f"{name} is of an elastic contact; add --contact-model elastic")
         for name in options
         if name in _ELASTIC_KEYS and chosen
     ]
@@ -187,7 +187,8 @@ def _scene(options: Mapping[str, Any]) -> Scene:
         values["contact"] = "strip"
         if "contact" in options:
             del values["contact_mm"]
-            model.problem("cylinder", "cylinder and contact both name the contact; give one of them")
+            size = shown(options["contact"])
+            model.problem("cylinder", f"cylinder contradicts contact = {size}: both name the contact; give one of them")
     elif options.get("contact") == "pad":
         values["contact"] = values.pop("contact_mm")
     scene = tried(lambda: _scene_of(values), model.problems)
@@ -209,7 +210,8 @@ def _elastic_scene(options: Mapping[str, Any]) -> Scene:
     keys = {**_ELASTIC_KEYS, "cylinder": "cylinder_radius_mm", "elastomer": "blur_mm"}
     problems: list[Problem] = []
     if "contact" in options:
-        problems.append(Problem("contact", "contact is decided by the force of an elastic contact; leave it out"))
+        message = "contact contradicts contact_model = 'elastic': its force decides how large it is; leave it out"
+        problems.append(Problem("contact", message))
     elastic = tried(lambda: ElasticContact(**{keys[name]: value for name, value in options.items() if name in keys}), problems)
     problems = [_of_option(problem, keys) for problem in problems]
     others = {
@@ -255,7 +257,7 @@ def _written_parts(tape: Tape, kit: str | Path) -> Parts:
     named = [row for row in rows if isinstance(row, dict) and row.get("role") == "cpl"] if isinstance(rows, list) else []
     path = safe_path(named[0].get("path")) if named else None
     if path is None:
-        raise SpecError(Problem("cpl", f"the kit of {file} has no pick-and-place file; leave out --from-cpl"))
+        raise SpecError(Problem("cpl", f"the kit of {file} has no pick-and-place file; leave out --from cpl, or --from-cpl"))
     return parts_from_cpl(file.parent / path, tape.designators())
 
 

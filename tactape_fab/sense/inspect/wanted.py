@@ -39,7 +39,7 @@ def read_wanted(kit: str | Path) -> list[WantedTape]:
     places = _places(Path(kit))
     solid = [e.tape.name for e in entries if e.tape.surface is not None or e.tape.part.shape != "block"]
     if solid:
-        message = f"{', '.join(solid)} carries no assembled parts; inspect reads scans of a film with resistors on it"
+        message = f"inspect reads scans of films with parts on them, and {', '.join(solid)} has none; name other kits"
         raise SpecError(Problem("tape", message))
     refuse_equal_names((entry.tape for entry in entries), "a file of places")
     found = []

@@ -88,6 +88,10 @@ def test_simulate_says_that_it_draws_a_wrapped_kit_flat(tmp_path: Path) -> None:
     flat, bent = (run(f"simulate {tmp_path / 'round'} -o {tmp_path / 'f.npz'} {option}") for option in ("", "--cylinder 20"))
     assert "warning: the kit is wrapped round a radius of 20 mm, and drawn flat; --cylinder 20 " in flat.stderr
     assert bent.stderr == ""
+    listed = run(f"simulate {tmp_path / 'round'} -o {tmp_path / 'f.npz'} --from cpl")
+    assert listed.exit_code == 2 and "has no pick-and-place file; leave out --from cpl, or --from-cpl" in listed.stderr
+    scanned = run(f"inspect s.png --tape {tmp_path / 'round'} -o {tmp_path / 'a.json'}")
+    assert "reads scans of films with parts on them, and tactape-s007 has none; name other kits" in scanned.stderr
 
 
 def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None:
@@ -114,7 +118,7 @@ def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None
         ("--force 2", "add --contact-model elastic"),
         ("--markers", "add --contact-model elastic"),
         ("--contact-model rigid", "--contact-model = 'rigid'"),
-        ("--contact-model elastic --contact 5x5", "contact is decided by the force"),
+        ("--contact-model elastic --contact 5x5", "--contact contradicts --contact-model = 'elastic': its force"),
         ("--contact-model elastic --force -1 --tilt 3", "--tilt = '3'"),
         ("--contact-model elastic --force none --missing 2", "--force = 'none'"),
         ("--count 0", "count = 0"),
@@ -125,7 +129,7 @@ def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None
         ("--pose 1,2,3 --edge", "--edge spreads poses, and poses are given; leave it out, or --pose"),
         ("--contact 0x0", "--contact"),
         ("--contact round", "--contact = 'round'"),
-        ("--contact 5x5 --cylinder 10", "cylinder and contact"),
+        ("--contact 5x5 --cylinder 10", "--cylinder contradicts --contact = '5x5': both name"),
         ("--missing 1.5", "missing = 1.5"),
         ("--noise loud", "noise = 'loud'"),
         ("--sensor eye", "sensor = 'eye'"),
