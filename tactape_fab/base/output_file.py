@@ -37,7 +37,10 @@ def refuse_taken_place(
     try:
         mode = mode_of(path)
         if mode is None and not path.parent.is_dir():
-            raise SpecError(Problem(key, f"{given}: there is no folder of that name; make it first"))
+            nearest = next(place for place in path.parents if mode_of(place) is not None)
+            taken = f"{shown_path(nearest)} is there and is no folder; use another name"
+            lacks = "there is no folder of that name; make it first" if nearest.is_dir() else taken
+            raise SpecError(Problem(key, f"{given}: {lacks}"))
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, SpecError):
             raise

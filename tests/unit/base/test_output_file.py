@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tactape_fab.base.errors import SpecError, TactapeError
-from tactape_fab.base.output_file import unfinished, write_file
+from tactape_fab.base.output_file import refuse_taken_place, unfinished, write_file
 
 
 def names(folder: Path) -> list[str]:
@@ -22,6 +22,15 @@ def test_a_new_file_is_written(tmp_path: Path) -> None:
     write_file(tmp_path / "map.png", b"new", "map", overwrite=False)
     assert (tmp_path / "map.png").read_bytes() == b"new"
     assert names(tmp_path) == ["map.png"]
+
+
+def test_a_folder_whose_name_a_file_has_is_not_to_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"kept")
+    for below in ("file/a.npz", "file/deeper/a.npz"):
+        with pytest.raises(SpecError, match=r"a\.npz: .*file is there and is no folder; use another name$"):
+            refuse_taken_place(tmp_path / below, "output")
+    with pytest.raises(SpecError, match=r"nowhere/a\.npz: there is no folder of that name; make it first"):
+        refuse_taken_place(tmp_path / "nowhere/a.npz", "output")
 
 
 def test_another_file_is_kept_unless_it_may_be_replaced(tmp_path: Path) -> None:
