@@ -52,7 +52,9 @@ def setting_problems(given: Mapping[str, Any], *, code: str | None = None) -> li
     if method == "paper":
         idle = [name for name in given if name != "method"]
         lacks = "method 'paper' needs tapes, bounds nothing and takes its scale as it is; leave it out, or give method='ml'"
-        table.problems += [] if code is None else [Problem("code", f"code = {shown(code)}: {lacks}")]
+        # who leaves the code out is asked for tapes, or for a code
+        kits = lacks.replace("leave it out", "give the kits instead")
+        table.problems += [] if code is None else [Problem("code", f"code = {shown(code)}: {kits}")]
     elif code is not None:
         idle = [name for name in given if name in _OF_TAPES]
         lacks = "without tapes every place of the code may be touched, with one bound; leave it out, or give the kits"

@@ -81,10 +81,17 @@ OF_A_KIT = {
         "--noise-model = 'nope'",
     ],
     "simulate {kit} -o a.npz --cylinder 5 --contact 3x3 --force 2 --noise -1": [
-        "force belongs to an elastic contact", "cylinder and contact both name", "--noise = -1",
+        "--force is of an elastic contact", "--cylinder contradicts --contact = '3x3'", "--noise = -1",
     ],
     "simulate {kit} -o a.npz --contact-model elastic --contact 3x3 --force -1N --tilt 99deg,0": [
-        "contact is decided by the force", "99 deg exceeds 20 deg", " = -1 N is below 0.01 N",
+        "--contact contradicts --contact-model = 'elastic': its", "99 deg exceeds 20 deg", " = -1 N is below 0.01 N",
+    ],
+    "simulate {kit} -o a.npz --as-built a.json --gel-thickness 3 --markers": [
+        "--as-built = 'a.json' names measured places", "--gel-thickness is of an elastic contact; add", "--markers is of an",
+    ],
+    "decode f.npz --code microdots-4x4 --method paper --refine dots": [
+        "--code = 'microdots-4x4': method 'paper' needs tapes, bounds nothing and takes its scale as it is; give the kits with "
+        "--tape instead, or give --method ml", "--refine = 'dots': method 'paper'", "f.npz cannot be read",
     ],
     "survey f.npz --tape {kit} -o a.json --workers 0 --sensor nope": ["--workers = 0", "--sensor = 'nope'"],
     "emboss {kit} no.stl --at 0,0 --up 0,0,0 --unit ft --face -1": [

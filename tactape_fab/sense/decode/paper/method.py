@@ -130,7 +130,7 @@ def locate_paper_dots(
 
 _PLANELESS_CODES = " or ".join(f"'{name}'" for name in ALL_CODE_NAMES if name not in CODE_NAMES)
 PLANELESS = (
-    f"method 'paper' reads windows of a code's plane, which {_PLANELESS_CODES} has not; use method 'ml', or tapes of another code"
+    f"method 'paper' reads windows of a code's plane, which {_PLANELESS_CODES} has not; use method='ml', or tapes of another code"
 )
 
 

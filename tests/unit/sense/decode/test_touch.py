@@ -113,7 +113,7 @@ def test_evidence_against_a_random_matrix_has_mean_one() -> None:
 
 
 def test_what_needs_a_plane_is_refused_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match="method 'paper' reads windows of a code's plane, which 'touch-1' or 'touch-2' has not"):
+    with pytest.raises(SpecError, match="plane, which 'touch-1' or 'touch-2' has not; use method='ml', or tapes of another code"):
         Localizer([touch(1)], method="paper")
     with pytest.raises(SpecError, match="'touch-1' has no code plane"):
         Localizer.from_code(TOUCH_CODE, 1.5, 0.25)
