@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError, refuse, tried
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import VERIFICATION, answers, fail
 from tactape_fab.cli.options import degrees, length, per_inch
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, step_shown, table_lines
@@ -69,14 +69,18 @@ def inspect(
         tried(lambda: check_output(Path(output)), problems)
         if picture is not None:
             tried(lambda: refuse_pictures(Path(picture), [], "picture"), problems)
-        refuse(problems)
         options = {
             "dpi": None if dpi is None else per_inch(dpi),
             "tolerance_mm": None if tolerance is None else length(tolerance),
             "turn_tolerance_deg": None if turn_tolerance is None else degrees(turn_tolerance),
         }
         found = inspect_with_views(
-            scans, kit, photo=photo, progress=step_shown(), **{k: v for k, v in options.items() if v is not None}
+            scans,
+            kit,
+            photo=photo,
+            progress=step_shown(),
+            refused=problems,
+            **{k: v for k, v in options.items() if v is not None},
         )
         if picture is not None:
             names = [name for inspection in found.inspections for name in picture_names(inspection)]

@@ -110,11 +110,15 @@ def inspect_with_views(
     tolerance_mm: float = TOLERANCE_MM,
     turn_tolerance_deg: float = TURN_TOLERANCE_DEG,
     progress: Callable[[str, int, int], None] = lambda *_: None,
+    refused: Sequence[Problem] = (),
 ) -> Inspected:
-    """`inspect_scans`, with the scans themselves."""
+    """`inspect_scans`, with the scans themselves.
+
+    refused: Problems of the caller, raised together with those of the arguments.
+    """
     several = scans if isinstance(scans, Iterable) and not isinstance(scans, str) else [scans]
     paths = [as_path(scan, "scans", "images of the tape") for scan in several]
-    problems = _problems(paths, dpi, tolerance_mm, turn_tolerance_deg)
+    problems = [*refused, *_problems(paths, dpi, tolerance_mm, turn_tolerance_deg)]
     wanted = tried(lambda: read_wanted(kit), problems)
     if problems or wanted is None:
         raise SpecError(problems)
@@ -147,7 +151,7 @@ def _problems(paths: Sequence[str | Path], dpi: float | None, tolerance_mm: floa
     for key, value, low, high, unit in (
         ("dpi", dpi, 50.0, 20_000.0, "dpi"),
         ("tolerance", tolerance_mm, 0.001, 10.0, "mm"),
-        ("turn-tolerance", turn_tolerance_deg, 0.1, 90.0, "deg"),
+        ("turn_tolerance", turn_tolerance_deg, 0.1, 90.0, "deg"),
     ):
         if value is None and key == "dpi":
             continue

@@ -75,6 +75,10 @@ def test_a_narrow_tolerance_makes_the_same_tape_fail(flat_kit: Kit, scans: dict[
         (["GOOD", "--tape", "KIT", "-o", "a.txt"], ["a.txt is no file of places"]),
         (["GOOD", "--tape", "KIT", "-o", "none/a.json"], ["none/a.json: there is no folder of that name"]),
         (["GOOD", "--tape", "KIT", "-o", "a.json", "--tolerance", "wide"], ["tolerance = 'wide' is not from"]),
+        (
+            ["GOOD", "--tape", "none", "-o", "a.txt", "--dpi", "0", "--turn-tolerance", "0"],
+            ["none is no kit", "a.txt is no file of places", "--dpi = 0 is not from", "error: --turn-tolerance = 0 is not from"],
+        ),
     ],
 )
 def test_what_cannot_be_meant_is_status_2_and_writes_nothing(
