@@ -131,7 +131,12 @@ def _verdict(advice: Advice) -> str:
     if advice.reached:
         return f"{what}: the first line locates {LOCATED:.0%} of those from {first.least_mm:g} mm on"
     if first.least_mm is None:
-        return f"{what}: nothing that {asked.making.name} makes is located at all; use a sensor with less noise, or --process sla"
+        ways = [
+            "a sensor with less noise",
+            *(["a smaller --placement"] if asked.placement_mm else []),
+            *(["--process sla"] if first.design.fab is not None else []),
+        ]
+        return f"{what}: nothing that {asked.making.name} makes is located at all; use {', or '.join(ways)}"
     return f"{what}: no line does; the nearest locates {LOCATED:.0%} from {first.least_mm:g} mm on"
 
 

@@ -279,12 +279,16 @@ def test_what_nothing_reaches_is_said_with_the_nearest() -> None:
     assert f"no line does; the nearest locates 90% from {sizes[0]:g} mm on" in result.stderr
 
 
-def test_a_sensor_that_sees_nothing_is_said(tmp_path: Any) -> None:
+def test_a_sensor_that_sees_nothing_is_said_with_what_was_not_tried(tmp_path: Any) -> None:
     text = (bench.DOCS.parent / "templates" / "sensors" / "generic.toml").read_text(encoding="utf-8")
     (tmp_path / "noisy.toml").write_text(text.replace("slope = 0.032", "slope = 9.0"), encoding="utf-8")
-    result = run(f"advise --contact 6 --sensor {tmp_path / 'noisy.toml'}")
-    assert result.exit_code == 0
-    assert "nothing that generic-fpc makes is located at all" in result.stderr
+    for options, end in {
+        "": "nothing that generic-fpc makes is located at all; use a sensor with less noise, or --process sla\n",
+        "--placement 0.1 --process sla": "nothing that sla makes is located at all; use a sensor with less noise, or a smaller "
+        "--placement\n",
+    }.items():
+        result = run(f"advise --contact 6 --sensor {tmp_path / 'noisy.toml'} {options}")
+        assert result.exit_code == 0 and result.stderr.endswith(end)
 
 
 def test_the_blur_of_a_calibrated_sensor_counts(tmp_path: Path) -> None:
