@@ -178,8 +178,8 @@ def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayH
                 raise ValueError(f"it holds {len(members)} arrays, more than {_MOST_MEMBERS}")
             if name + ".npy" not in members:
                 named = (m.removesuffix(".npy") if m.endswith(".npy") else f"{m} (without .npy)" for m in members)
-                has = ", ".join(sorted(named)) or "nothing"
-                raise SpecError(f"it has no array '{name}', only {has[:_SHOWN]}; {_REMEDY}")
+                has = ", only " + ", ".join(sorted(named)) if members else ", and no other"
+                raise SpecError(f"it has no array '{name}'{has[:_SHOWN]}; {_REMEDY}")
             if archive.getinfo(name + ".npy").compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 # numpy writes no other. 1 kB of bzip2 unpacks to 3,000 frames, deflated to three
                 raise ValueError(f"its array '{name}' is packed in a way in which numpy writes none")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import FrameError, MissingLibraryError, Problem, SpecError
+from tactape_fab.base.errors import FrameError, MissingLibraryError, Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.sense.files.depth_maps import other_shape
 from tactape_fab.sense.files.recording_kinds import BAG, DATASET, MCAP, OTHER_BAGS, Image, Stamped
@@ -144,7 +144,8 @@ def _refused(path: Path, read: Callable[[], Iterator[Stamped]]) -> Iterator[Stam
 def _damaged(path: Path, error: Exception) -> SpecError:
     if isinstance(error, SpecError):
         return SpecError([Problem("frames", f"{shown_path(path)}: {p.message}") for p in error.problems])
-    reason = str(error).split("\n", maxsplit=1)[0][:200] or type(error).__name__
+    said = reason_of(error) if isinstance(error, OSError) else str(error)
+    reason = said.split("\n", maxsplit=1)[0][:200] or type(error).__name__
     if isinstance(error, FrameError | ValueError | OSError):
         return SpecError(Problem("frames", f"{shown_path(path)} cannot be read: {reason}; record it again, or give another"))
     remedy = "mcap recover FILE.mcap -o WHOLE.mcap saves what is whole" if _is_bag(path) else "record it again"

@@ -194,6 +194,7 @@ def test_tiff_of_two_pictures_is_refused(tmp_path: Path) -> None:
     ("arrays", "words"),
     [
         ({"height": np.zeros((2, 3))}, "no array 'depth', only height"),
+        ({}, "no array 'depth', and no other; give"),
         ({"depth": np.zeros((0, 240, 320))}, "depth has shape (0, 240, 320)"),
         ({"depth": np.zeros((2, 2, 2, 2))}, "depth has shape (2, 2, 2, 2)"),
         ({"depth": np.zeros(9)}, "depth has shape (9,)"),

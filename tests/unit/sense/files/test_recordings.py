@@ -503,6 +503,7 @@ def _list_alone(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
+        (lambda folder: folder / "a.mcap", r"a\.mcap cannot be read: No such file or directory; record it again"),
         (lambda folder: mcap(folder / "a.mcap", {}), "it has no topic of sensor_msgs/msg/Image; record the images themselves"),
         (_flipped, "crc validation failed"),
         (_half_a_chunk, "a chunk in it holds 4500 of 9000 bytes"),
