@@ -132,7 +132,7 @@ def _examined(content: Mapping[str, Any], made: Mapping[str, Any]) -> Examined:
     for key in PROFILE_KEYS:
         if isinstance(values.get(key), str) and values[key].endswith(".toml"):
             raise NotReproducibleError(
-                f"its {key} profile, {shown(values[key])}, is the user's own, and not in it; make it there"
+                f"its {key} profile, {shown(values[key])}, is the user's own, and not in it; make it again from that profile"
             )
     tape = Tape.from_mapping(content)
     search = content.get("search")

@@ -54,7 +54,8 @@ def read_manifest(file: Path) -> dict[str, Any]:
     content = read_any_manifest(file)
     if content["format"] == PANEL_FORMAT:
         message = f"{shown_path(file)} is that of a panel, not of one tape"
-        raise SpecError(f"{message}; give the folder of one of the kits on it, such as PANEL/tapes/NAME")
+        first = min(file.parent.glob(f"tapes/*/{MANIFEST_NAME}"), default=Path("PANEL/tapes/NAME") / MANIFEST_NAME)
+        raise SpecError(f"{message}; give the folder of one of the kits on it, such as {shown_path(first.parent)}")
     return content
 
 

@@ -240,7 +240,7 @@ def test_a_tape_made_away_from_others_is_made_again(small_kit: Kit, tmp_path: Pa
 CANNOT: dict[str, tuple[Edit, str]] = {
     "another version": (stated("tool.version", "0.0.9"), "install that version"),
     "no record": (lambda kit: kit.manifest.pop("made"), "make it anew"),
-    "own profile": (stated("spec.fab", "/dev/zero.toml"), "is the user's own"),
+    "own profile": (stated("spec.fab", "/dev/zero.toml"), "is the user's own, and not in it; make it again from that profile"),
     "other libraries": (
         both(stated("made.libraries", {"numpy": "0.1"}), text("order-notes", "0.11 mm", "1.6 mm")),
         "made with numpy '0.1', here",

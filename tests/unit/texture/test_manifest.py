@@ -100,6 +100,11 @@ def test_a_panel_is_no_tape_and_other_formats_are_none(tmp_path: Path) -> None:
     assert read_any_manifest(file) == {"format": "tactape-panel/1"}
     with pytest.raises(SpecError, match=rf"{file} is that of a panel, not of one tape; .* such as PANEL/tapes/NAME"):
         read_manifest(file)
+    for name in ("s8", "s7"):
+        (tmp_path / "tapes" / name).mkdir(parents=True)
+        (tmp_path / "tapes" / name / "manifest.json").touch()
+    with pytest.raises(SpecError, match=rf"; give the folder of one of the kits on it, such as {tmp_path}/tapes/s7$"):
+        read_manifest(file)
     for text, said in (
         ('{"format": "tactape-manifest/2"}', "has format 'tactape-manifest/2'"),
         ('"x"', "has format None"),
