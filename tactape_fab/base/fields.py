@@ -262,12 +262,12 @@ class Fields:
             table.refuse_unknown(known)
         return table
 
-    def rows(self, key: str, *, longest: int) -> Sequence[Any]:
+    def rows(self, key: str, *, longest: int, remedy: str = "give a list") -> Sequence[Any]:
         """A list of at most `longest` entries of any type."""
         value = self.values.get(key)
         if isinstance(value, str) or not isinstance(value, Sequence):
             what = f"{key} = {shown(value)} is not a list" if key in self.values else f"{key} is missing"
-            self.problem(key, f"{what}; give a list")
+            self.problem(key, f"{what}; {remedy}")
             return ()
         if len(value) > longest:
             self.problem(key, f"{key} has {len(value)} entries, more than {longest}; give fewer")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.json_text import parse_json
@@ -75,9 +75,8 @@ def content_of(path: Path) -> Mapping[str, Any]:
     except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        reason = getattr(error, "strerror", None) or shown(str(error))
-        remedy = "give a file that inspect or survey wrote"
-        raise SpecError(Problem("as-built", f"{shown_path(file)} cannot be read: {reason}; {remedy}")) from error
+        message = f"{shown_path(file)} cannot be read: {reason_of(error)}; give a file that inspect or survey wrote"
+        raise SpecError(Problem("as-built", message)) from error
     if not isinstance(content, dict):
         raise SpecError(Problem("as-built", f"{shown_path(file)} holds no table; give a file that inspect or survey wrote"))
     return content

@@ -126,12 +126,13 @@ def read_object(path: str | Path) -> TapedObject:
     table.refuse_unknown(("name", "tapes"))
     name = table.text("name", longest=100)
     tapes: list[TapeOnObject] = []
-    for i, row in enumerate(table.rows("tapes", longest=MOST_TAPES)):
+    remedy = "give a [[tapes]] for each tape on the object"
+    for i, row in enumerate(table.rows("tapes", longest=MOST_TAPES, remedy=remedy)):
         found = _read_tape(row, f"{table.where}tapes[{i}].", path.parent, table.problems)
         if found is not None:
             tapes.append(found)
     if not tapes and not table.problems:
-        table.problem("tapes", "tapes is empty; give a [[tapes]] for each tape on the object")
+        table.problem("tapes", f"tapes is empty; {remedy}")
     _refuse_doubles(tapes, table)
     refuse(table.problems)
     return TapedObject(name=name, tapes=tuple(tapes))

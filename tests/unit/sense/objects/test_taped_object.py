@@ -234,6 +234,8 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
     ("text", "words"),
     [
         ("name = 'a'\ntapes = 3", "tapes = 3 is not a list"),
+        ("name = 'a'\n[tapes]\nkit = 'k'", "tapes = {'kit': 'k'} is not a list; give a [[tapes]] for each tape on the object"),
+        ("name = 'a'", "tapes is missing; give a [[tapes]] for each tape on the object"),
         ("name = 'a'\ntapes = [3]", "tapes[0] = 3 is not a table"),
         ("name = 'a'\ntapes = []", "tapes is empty"),
         (f"name = '{101 * 'a'}'\ntapes = []", "is not a text; give at most 100 characters in quotes"),
