@@ -7,9 +7,10 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from tactape_fab.base.errors import SpecError, TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, refuse, tried
 from tactape_fab.base.input_file import sha256_of
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.base.plain_text import one_line
@@ -20,6 +21,7 @@ from tactape_fab.sense.benchmark.score import HEADER, calibration_lines, line, r
 from tactape_fab.sense.benchmark.write import INDEX, USUAL_FRAMES, USUAL_SEED, truth_path, write_benchmark
 
 _FAILED, _USAGE = 1, 2
+_OPTIONS = {"output": "-o", "folder": "FOLDER", "frames": "--frames", "seed": "--seed", "only": "--only"}
 
 
 def _progress(what: str, done: int, total: int) -> None:
@@ -52,8 +54,10 @@ def _answer(given: argparse.Namespace) -> int:
 
 def _score(given: argparse.Namespace) -> int:
     truth = read_truth(given.truth or truth_path(Path(given.folder)))
-    for path in given.answers:
-        method, answers = read_answers(path, len(truth))
+    problems: list[Problem] = []
+    found = [tried(partial(read_answers, path, len(truth)), problems) for path in given.answers]
+    refuse(problems)  # before the first score is printed
+    for method, answers in filter(None, found):
         print(one_line(f"{method}: {len(answers)} answers for {len(truth)} frames"), "", *HEADER, sep="\n")
         print(*(one_line(line(name, row)) for name, row in score(answers, truth).items()), "", sep="\n")
         print(*calibration_lines(answers, truth), "", sep="\n")
@@ -82,6 +86,11 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _as_typed(problem: Problem) -> str:
+    """A problem's message, whose key is replaced by the option as typed."""
+    return problem.message.replace(f"{problem.key} = ", f"{_OPTIONS.get(problem.key, problem.key)} = ", 1)
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the words say; the exit status (as the other commands: 1 failed, 2 a value that is refused)."""
     given = _parser().parse_args(words)
@@ -93,7 +102,7 @@ def main(words: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
     except TactapeError as error:
-        problems = [problem.message for problem in error.problems] if isinstance(error, SpecError) else str(error).splitlines()
+        problems = [_as_typed(problem) for problem in error.problems] if isinstance(error, SpecError) else str(error).splitlines()
         print("\n".join(f"error: {one_line(problem)}" for problem in problems), file=sys.stderr)
         return _USAGE if isinstance(error, SpecError) else _FAILED
 

@@ -79,7 +79,8 @@ def read_answers(path: str | Path, frames: int) -> tuple[str, dict[int, Answer]]
                 except ValueError as error:
                     problems.append(Problem("answers", f"{shown_path(path)}, line {number}: {error}"))
     except OSError as error:
-        raise SpecError(Problem("answers", f"{shown_path(path)} cannot be read: {reason_of(error)}")) from error
+        message = f"{shown_path(path)} cannot be read: {reason_of(error)}; give lines of JSON, as decode --json prints them"
+        raise SpecError(Problem("answers", message)) from error
     refuse(problems)
     return method, found
 

@@ -144,6 +144,17 @@ def test_scores_are_printed_for_each_file(folder: Path, located: Path, capsys: p
     assert main(["score", str(folder), str(located), str(located)]) == 0
     said = capsys.readouterr().out
     assert said.count("| all | 8 of 12 | 0 |") == 2 and said.count("| 0 to 0.0001 | ") == 2
+    assert main(["score", str(folder), str(located), "nowhere.jsonl"]) == 2
+    refused = capsys.readouterr()
+    assert refused.out == "" and "nowhere.jsonl cannot be read: No such file or directory; give lines of JSON" in refused.err
+
+
+def test_options_are_named_as_they_are_typed(folder: Path, located: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["write", str(folder), "--frames", "0", "--seed", "-1", "--only", "x"]) == 2
+    assert main(["answer", str(folder), "-o", str(located)]) == 2
+    said = capsys.readouterr().err
+    for text in ("--frames = 0 is", "--seed = -1 is", "--only = 'x' is", f"FOLDER = {folder} is", f"-o = {located} exists"):
+        assert f"error: {text}" in said
 
 
 def test_texts_of_a_data_set_stay_on_their_lines(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
