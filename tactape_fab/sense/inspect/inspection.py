@@ -150,8 +150,8 @@ def _problems(paths: Sequence[str | Path], dpi: float | None, tolerance_mm: floa
         problems.append(Problem("scan", f"{len(paths)} scans are given; give 1 to {_MOST_SCANS}"))
     for key, value, low, high, unit in (
         ("dpi", dpi, 50.0, 20_000.0, "dpi"),
-        ("tolerance", tolerance_mm, 0.001, 10.0, "mm"),
-        ("turn_tolerance", turn_tolerance_deg, 0.1, 90.0, "deg"),
+        ("tolerance_mm", tolerance_mm, 0.001, 10.0, "mm"),
+        ("turn_tolerance_deg", turn_tolerance_deg, 0.1, 90.0, "deg"),
     ):
         if value is None and key == "dpi":
             continue
