@@ -102,7 +102,7 @@ def frames_lines(found: FirstFrames) -> list[str]:
     verdicts = {None: "", True: "located", False: "not located"}
     rows = [(str(look.frame), str(look.dots), verdicts[look.located], look.reason or "") for look in found.frames]
     wrong = [f"wrong: {with_options(line)}" for line in found.wrong] or ["nothing looks wrong"]
-    return [*table_lines(("frame", "dots", "", "reason"), rows), "", *wrong, f"next: {found.next_step}"]
+    return [*table_lines(("frame", "dots", "", "reason"), rows), "", *wrong, f"next: {with_options(found.next_step)}"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -17,7 +18,8 @@ from click.testing import CliRunner
 from tactape_fab import __version__
 from tactape_fab.base.templates import read_toml
 from tactape_fab.cli import doctor, main
-from tactape_fab.cli.doctor import diagnosis_lines
+from tactape_fab.cli.doctor import diagnosis_lines, frames_lines
+from tactape_fab.sense.calibrate.first_frames import FirstFrames
 from tactape_fab.sense.decode import warm as ahead
 
 ROOT = Path(__file__).parents[3]
@@ -129,6 +131,12 @@ def test_frames_of_a_sensor_are_looked_at(tmp_path: Path) -> None:
     assert len(json.loads(result.stdout)["frames"]) == 3
     other = CliRunner().invoke(main, ["doctor", "--sensor", str(frames), "--like", "digit"])
     assert "those of 'digit' 320 x 240; give another --like, or set width_px = 320, height_px = 240 in" in other.stdout
+
+
+def test_the_next_step_names_options_as_they_are_typed() -> None:
+    found = FirstFrames(frames=(), wrong=(), next_step="another tape was pressed; give its kit")
+    with click.Context(doctor.doctor):
+        assert frames_lines(found)[-1] == "next: another tape was pressed; give its kit with --tape"
 
 
 def test_bad_frames_are_refused_and_options_alone_too(tmp_path: Path) -> None:
