@@ -285,7 +285,7 @@ def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
 
 def check_signature(role: str, data: bytes) -> str | None:
     """Problem of a Gerber file's .MD5 attribute (Gerber 2024.05 section 5.6.9); None if it is correct or absent."""
-    for found in re.finditer(rb"TF\.MD5,([0-9a-f]{32})\*", data):
+    for found in re.finditer(rb"TF\.MD5,([^*]*)\*", data):
         # as a command or a standardised comment (Gerber 2024.05 section 5.1.1); a part's name may contain the same text
         before = next((mark for mark in (b"%", b"G04 #@! ") if data.endswith(mark, 0, found.start())), None)
         if before is not None:

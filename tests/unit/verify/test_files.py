@@ -255,7 +255,8 @@ def test_a_gerber_signature_is_of_all_before_it(mark: bytes) -> None:
     right = body + mark + b"TF.MD5," + digest + b"*%\nM02*\n"
     assert check_signature("cpl", right) is None
     assert check_signature("cpl", body) is None
-    for wrong in (right.replace(b"D10", b"D11"), b"\nX" + right, right.replace(digest, digest[::-1])):
+    others = (right.replace(digest, other) for other in (digest[::-1], digest[1:], b"g" + digest[1:], b""))
+    for wrong in (right.replace(b"D10", b"D11"), b"\nX" + right, *others):
         assert check_signature("cpl", wrong) == "cpl: its .MD5 signature does not fit its content"
     assert check_signature("cpl", right.replace(mark + b"TF", b"TF")) is None  # not at the beginning of a statement
 
