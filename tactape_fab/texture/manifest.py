@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from tactape_fab.base.errors import SpecError, reason_of
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of, read_regular
@@ -80,6 +81,15 @@ def read_any_manifest(file: Path) -> dict[str, Any]:
     if found not in (MANIFEST_FORMAT, PANEL_FORMAT):
         raise SpecError(f"{file.name} has format {shown(found)}; this version reads '{MANIFEST_FORMAT}'")
     return dict(content)
+
+
+def of_kit(place: Path, problem: Problem) -> Problem:
+    """A problem of a kit's file, with the kit's path put before its message unless that names the file already."""
+    if problem.message.startswith(f"{place}{os.sep}"):
+        return Problem("tape", problem.message)
+    if problem.message.startswith(f"{place.name} ") and place.is_file():  # a folder might have the name of a key
+        return Problem("tape", f"{shown_path(place)}{problem.message.removeprefix(place.name)}")
+    return Problem(f"tape {shown_path(place)}: {problem.key}", f"{shown_path(place)}: {problem.message}")
 
 
 def safe_path(text: object) -> PurePosixPath | None:

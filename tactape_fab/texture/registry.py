@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from tactape_fab.base.given_path import as_path
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Given, manifest_digest
-from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_manifest
+from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, of_kit, read_manifest
 from tactape_fab.texture.packed import MOST_TAPES, is_packed, read_packed
 from tactape_fab.texture.panel_manifest import kits_of
 from tactape_fab.texture.tape import Tape, no_tape
@@ -118,19 +117,10 @@ def read_registered(
                 tape = Tape.from_mapping(manifest).with_as_built(file, given.of(file))
                 entries.append(Registered(path=place, tape=tape, fab=str(name)[:200]))
             except SpecError as error:
-                problems.extend(_of_kit(place, problem) for problem in error.problems)
+                problems.extend(of_kit(place, problem) for problem in error.problems)
     problems += given.unused(entries)
     refuse(problems)
     return entries
-
-
-def _of_kit(place: Path, problem: Problem) -> Problem:
-    """A problem of a kit's file, with the kit's path put before its message unless that names the file already."""
-    if problem.message.startswith(f"{place}{os.sep}"):
-        return Problem("tape", problem.message)
-    if problem.message.startswith(f"{place.name} ") and place.is_file():  # a folder might have the name of a key
-        return Problem("tape", f"{shown_path(place)}{problem.message.removeprefix(place.name)}")
-    return Problem(f"tape {shown_path(place)}: {problem.key}", f"{shown_path(place)}: {problem.message}")
 
 
 class _Measured:

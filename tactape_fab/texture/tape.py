@@ -28,7 +28,7 @@ from tactape_fab.texture.frames import (
     symbols_to_rows,
     texture_to_board,
 )
-from tactape_fab.texture.manifest import find_manifest, read_manifest
+from tactape_fab.texture.manifest import find_manifest, of_kit, read_manifest
 from tactape_fab.texture.part import TapePart, read_part
 from tactape_fab.texture.plane import MOST_POINTS
 
@@ -225,7 +225,10 @@ class Tape:
             of another kit.
         """
         file = find_manifest(path)
-        return cls.from_mapping(read_manifest(file)).with_as_built(file, as_built)
+        try:
+            return cls.from_mapping(read_manifest(file)).with_as_built(file, as_built)
+        except SpecError as error:
+            raise type(error)([of_kit(Path(path), problem) for problem in error.problems]) from error
 
     def with_as_built(self, manifest: str | Path, as_built: Given = None) -> Tape:
         """The tape with the measured places of its parts.

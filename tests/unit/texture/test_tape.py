@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -476,8 +477,15 @@ TEXT = json.dumps({"format": MANIFEST_FORMAT, **MAPPING})
 )
 def test_a_file_that_is_no_manifest(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "manifest.json").write_bytes(content)
-    with pytest.raises(SpecError, match=message):
+    with pytest.raises(SpecError, match=f"^{re.escape(str(tmp_path))}.*{message}"):
         Tape.load(tmp_path)
+
+
+def test_a_wrong_value_is_named_with_its_kit(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text(json.dumps({"format": MANIFEST_FORMAT, **MAPPING, "rows": 1}))
+    with pytest.raises(SpecError, match=f"^{re.escape(str(tmp_path))}: rows = 1 is outside") as refused:
+        Tape.load(tmp_path)
+    assert refused.value.problems[0].of_file
 
 
 def test_a_place_without_a_kit(tmp_path: Path) -> None:
