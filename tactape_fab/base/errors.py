@@ -234,7 +234,11 @@ class LostProcessError(Exception):
 
 def reason_of(error: Exception) -> str:
     """The system's text for a failure, without errno and path; the error's own text if no system call failed."""
-    return getattr(error, "strerror", None) or str(error)
+    if isinstance(error, RecursionError):
+        return "it is nested too deep"
+    text: str = getattr(error, "strerror", None) or str(error)
+    # Python's remedy, a function to call, is none for who types a command
+    return text.partition("; use sys.set_int_max_str_digits")[0]
 
 
 def tried(read: Callable[[], T], problems: list[Problem]) -> T | None:

@@ -6,6 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
+from datetime import date, time
 from numbers import Integral, Real
 from typing import Any
 
@@ -20,7 +21,8 @@ _SHOWN_PATH = 200
 def shown(value: object) -> str:
     """A value as text for a message: one short line."""
     try:
-        text = re.sub(r"\s*\n\s*", " ", repr(value))  # the repr of an array has line breaks
+        # dates as TOML writes them; the repr of an array has line breaks
+        text = str(value) if isinstance(value, date | time) else re.sub(r"\s*\n\s*", " ", repr(value))
     except (ValueError, RecursionError):  # an integer of thousands of digits (sys.int_info), or tables within tables
         text = f"<{type(value).__name__} too long to show>"
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
@@ -224,7 +226,8 @@ class Fields:
         value = self.values[key]
         if not isinstance(value, str) or len(value) > longest:
             wanted = "one of: " + ", ".join(choices) if choices else f"at most {longest} characters in quotes"
-            self.problem(key, f"{key} = {shown(value)} is not a text; {remedy or f'give {wanted}'}")
+            wrong = f"has {len(value)} characters" if isinstance(value, str) else "is not a text"
+            self.problem(key, f"{key} = {shown(value)} {wrong}; {remedy or f'give {wanted}'}")
         elif choices and value not in choices:
             near = nearest(value, choices)
             hint = f"did you mean '{near}'?" if near else remedy or "give one of them"

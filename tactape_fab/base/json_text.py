@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from typing import Any
 
+from tactape_fab.base.errors import reason_of
 from tactape_fab.base.fields import shown
 
 MOST_VALUES = 2_000_000
@@ -23,8 +24,8 @@ def parse_json(data: bytes, *, most_values: int = MOST_VALUES) -> Any:
         raise ValueError(f"it holds more than {most_values} values")
     try:
         return json.loads(data, parse_constant=_refuse_constant, object_pairs_hook=_each_key_once)
-    except RecursionError:
-        raise ValueError("it is nested too deep") from None
+    except RecursionError as error:
+        raise ValueError(reason_of(error)) from None
 
 
 def _refuse_constant(name: str) -> Any:

@@ -83,7 +83,7 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         content: dict[str, Any] = library(_PARSER, "reading TOML").loads(text)
         return content
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
-        raise SpecError(Problem(key, f"{key} = {shown_path(path)} is not TOML: {error}; correct it")) from error
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} is not TOML: {reason_of(error)}; correct it")) from error
 
 
 def _parts(text: str) -> int:

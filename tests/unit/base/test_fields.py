@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import date
 from typing import Any
 
 import pytest
@@ -116,7 +117,7 @@ def test_text_choices_patterns_and_lengths() -> None:
         "a = 'blue' is none of: red, green",
         "b = 5 is not a text",
         "c = 'x y' has a form that cannot be used",
-        "d = 'long' is not a text",
+        "d = 'long' has 4 characters",
     ]
 
 
@@ -172,6 +173,7 @@ def test_unknown_keys_get_the_nearest_known_one() -> None:
 
 def test_shown_values_stay_on_one_short_line() -> None:
     assert shown("a\nb") == "'a\\nb'"
+    assert shown(date(2026, 11, 20)) == "2026-11-20"  # of TOML, without quotes
     assert len(shown("x" * 10_000)) <= 60
     assert len(shown(list(range(10_000)))) <= 60
     deep: list[Any] = []

@@ -448,7 +448,7 @@ SPEC_FILES = [
     Case("folder.toml", USAGE, "folder.toml", "no regular file", REMEDY),
     Case("binary.toml", USAGE, "binary.toml", "is not TOML", REMEDY),
     Case("open.toml", USAGE, "open.toml", "is not TOML", REMEDY),
-    Case("deep.toml", USAGE, "deep.toml", "is not TOML", REMEDY),
+    Case("deep.toml", USAGE, "deep.toml", "is not TOML: it is nested too deep", REMEDY),
     Case("large.toml", USAGE, "large.toml", "1048576 bytes", "it is not a spec or profile"),
     Case("empty.toml", USAGE, "sector", "is missing", "sector = N in the TOML file"),
     Case("near.toml", USAGE, "pitchmm", "not a known key", "did you mean 'pitch_mm'?"),
@@ -461,7 +461,7 @@ SPEC_FILES = [
     Case("sizes.toml", USAGE, "size_mm = '100x50'", "2 numbers", SIZE),
     Case("table.toml", USAGE, "origin = {'a': 1}", "2 whole numbers", ORIGIN),
     Case("holes.toml", USAGE, "holes_mm = 3", "a list", REMEDY),
-    Case("date.toml", USAGE, "tag = datetime.date(1979, 5, 27)", "a text", REMEDY),
+    Case("date.toml", USAGE, "tag = 1979-05-27", "a text", REMEDY),
     Case("zero.toml", USAGE, "fab = ", "cannot be opened", REMEDY),
 ]
 CONTENTS: dict[str, str | bytes] = {
