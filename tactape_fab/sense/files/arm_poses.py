@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite
@@ -19,6 +18,7 @@ from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.json_text import parse_json
 from tactape_fab.sense.geometry import from_quaternion, is_rotation
 from tactape_fab.texture.frames import FloatArray
 
@@ -145,7 +145,8 @@ def _pose(row: Mapping[str, str], whole: bool, frames: int | None) -> tuple[list
     faults = []
     for name, text in row.items():
         try:
-            values[name] = float(text)
+            # Python would take 1_0 for 10, and digits of other scripts
+            values[name] = float(text) if text.isascii() and "_" not in text else float("nan")
         except ValueError:
             values[name] = float("nan")
         low, high = _RANGES.get(name, (-1e9, 1e9))
@@ -185,8 +186,8 @@ def read_hand_eye(path: str | Path) -> HandEyeFile:
     key = "hand_eye"
     data = _bytes_of(path, key, "give the -hand-eye.json that calibrate wrote")
     try:
-        content = json.loads(data)
-    except (ValueError, RecursionError):
+        content = parse_json(data)
+    except ValueError:
         content = None
     if not isinstance(content, dict) or content.get("format") != HAND_EYE_FORMAT:
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} is no {HAND_EYE_FORMAT}; give the file that calibrate wrote"))

@@ -46,6 +46,8 @@ def test_rotations_are_those_of_scipy(tmp_path: Path) -> None:
         (HEADER + "0.5,1,2,3,1,0,0,0\n", "line 2: frame = 0.5 is not a whole number"),
         (HEADER + "0,1,2,3,1,1,0,0\n", "the quaternion's length is 1.41, not 1"),
         (HEADER + "0,1e9,2,3,1,0,0,0\n", "x_mm = '1e9' is no number from"),
+        (HEADER + "0,1_0,2,3,1,0,0,0\n", "x_mm = '1_0' is no number from"),
+        (HEADER + "\u0661,1,2,3,1,0,0,0\n", "frame = '\u0661' is no number from"),
         (HEADER + "0,1,2,3,1,0,0,0\n" * 2, "line 3: frame 0 is there twice"),
         ((HEADER + "0,1,2,3,1,0,0,0\n").replace("\n", "\r"), "is no CSV: .*; give one row a frame, lines ended by LF or CRLF"),
         (HEADER.strip() + ",sigma_mm\n0,1,2,3,1,0,0,0,0\n", "sigma_mm = '0' is no number from 0.0001 to 100"),
@@ -53,7 +55,7 @@ def test_rotations_are_those_of_scipy(tmp_path: Path) -> None:
 )
 def test_bad_poses_are_refused_in_words(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "poses.csv"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(SpecError, match=words):
         read_arm_poses(path, "hand_eye", 5)
 
@@ -69,6 +71,7 @@ GOOD = {"format": "tactape-hand-eye/1", "tape": "t", "sensor_to_flange": np.eye(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
+        (json.dumps(GOOD).replace('{"format"', '{"tape": "u", "format"').encode(), "is no tactape-hand-eye/1"),
         (b"no json", "is no tactape-hand-eye/1; give the file that calibrate wrote"),
         ({**GOOD, "format": "tactape-hand-eye/9"}, "is no tactape-hand-eye/1"),
         ({k: v for k, v in GOOD.items() if k != "tape"}, "tape is missing"),
