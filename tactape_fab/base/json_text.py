@@ -24,8 +24,8 @@ def parse_json(data: bytes, *, most_values: int = MOST_VALUES) -> Any:
         raise ValueError(f"it holds more than {most_values} values")
     try:
         return json.loads(data, parse_constant=_refuse_constant, object_pairs_hook=_each_key_once)
-    except RecursionError as error:
-        raise ValueError(reason_of(error)) from None
+    except (ValueError, RecursionError) as error:
+        raise ValueError(reason_of(error)) from error
 
 
 def _refuse_constant(name: str) -> Any:

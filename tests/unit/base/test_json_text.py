@@ -16,6 +16,7 @@ from tactape_fab.base.json_text import parse_json
         (b'[{"b": {"a": 1, "a": 1}}]', "twice"),
         (b"[" * 100_000, "deep"),
         (b"[" + b"[]," * 20 + b"[]]", "more than 30 values"),
+        (b"9" * 5000, "value has 5000 digits$"),
         (b"{", "Expecting"),
         (b"\xff", "decode"),
     ],
