@@ -57,6 +57,8 @@ FILE_FUNCTIONS = {
 """File function and polarity that the attributes of a Gerber file must state, by role."""
 
 REQUIRED_ATTRIBUTES = ("FileFunction", "FilePolarity", "SameCoordinates", "MD5")
+_SHARED = ("SameCoordinates", "ProjectId", "CreationDate", "GenerationSoftware")
+"""Attributes that have one value in all layers of a kit."""
 
 T = TypeVar("T")
 
@@ -230,11 +232,13 @@ def check_attributes(
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
                 problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
-    # equal values of .SameCoordinates state that layers are aligned; a drill file has it in a comment. A value without
-    # its end is in a truncated file, which is reported elsewhere
+    # equal values of .SameCoordinates state that layers are aligned, of the others that they are of one design; a drill file
+    # has them in comments. A value without its end is in a truncated file, which is reported elsewhere
     drawn = [files[role].data for role in (*gerbers, "drill-npth") if role in files]
-    if len({origin for data in drawn for origin in re.findall(rb"TF\.SameCoordinates,([^*\r\n]*)[*\r\n]", data)}) > 1:
-        problems.append("the layers have different .SameCoordinates")
+    for name in _SHARED:
+        form = re.compile(rb"TF\.%b,([^*\r\n]*)[*\r\n]" % name.encode())
+        if len({value for data in drawn for value in form.findall(data)}) > 1:
+            problems.append(f"the layers have different .{name}")
     message = named(problems) if problems else "names and file functions as the roles, MD5 signatures right"
     return Check(name="attributes", passed=not problems, message=message)
 

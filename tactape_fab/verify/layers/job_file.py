@@ -27,7 +27,7 @@ _FUNCTIONS = {
 }
 _FREE = {
     ("Header", "GenerationSoftware", "Version"): r"[0-9A-Za-z.+-]{1,40}",
-    ("Header", "CreationDate"): r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00",
+    ("Header", "CreationDate"): r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\+00:00",
     ("GeneralSpecs", "ProjectId", "GUID"): r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}",
     ("GeneralSpecs", "ProjectId", "Revision"): r"[0-9A-Za-z.+-]{1,40}",
 }
