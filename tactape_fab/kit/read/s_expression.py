@@ -20,13 +20,16 @@ Tree: TypeAlias = "tuple[str | Tree, ...]"
 _DEEPEST = 16
 _TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+', re.DOTALL)
 _FIRST_WORDS = re.compile(rb'\([^()"]*(?:"(?:[^"\\]|\\.)*"[^()"]*)*', re.DOTALL)
+_BARE = np.isin(np.arange(256), [*b"\t\n\r", *range(ord(" "), 127)]) & ~np.isin(np.arange(256), [*b"\\#"])
+"""Bytes that may stand outside quotes. KiCad takes no other white space for it; Python's reader of numbers does."""
 _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 
 
 def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
     """Parse the single list of a file; words are kept as written, without their quotes.
 
-    data: UTF-8. A backslash, or a '#', which starts a comment in KiCad, is allowed only within quotes.
+    data: UTF-8. Other characters than those of ASCII, a backslash, or a '#', which starts a comment in KiCad, are allowed only
+        within quotes.
     without: Names of lists of one value that are removed everywhere, such as ``tstamp``, whose values are all different.
     Raises ReadbackError if brackets or quotes do not match, lists are nested more than 16 deep, or there is text outside the
         single list.
@@ -62,10 +65,10 @@ def _brackets(data: bytes) -> tuple[IntArray, IntArray]:
     is_quote = text[at] == ord('"')
     quotes = at[is_quote]
     whole = np.frombuffer(data, dtype=np.uint8)
-    marks = np.flatnonzero((whole == ord("\\")) | (whole == ord("#")))
+    marks = np.flatnonzero(~_BARE[whole])
     # a place after an odd number of quotes is inside quotes
     if len(quotes) % 2 or (np.searchsorted(quotes, marks) % 2 == 0).any():
-        raise ReadbackError("it has a quote without an end, or a backslash or '#' outside quotes")
+        raise ReadbackError("it has a quote without an end, or a backslash, '#' or character beyond ASCII outside quotes")
     at = at[~is_quote & (np.cumsum(is_quote) % 2 == 0)]
     closes = text[at] == ord(")")
     # depth after each bracket; it must be positive until the last one, which ends the single list

@@ -21,7 +21,7 @@ from tactape_fab.verify.layers.board import off_outline_mm
 from tactape_fab.verify.layers.drawing_words import word_problems
 from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.kicad import Shown
-from tactape_fab.verify.layers.kicad_drawn import Made
+from tactape_fab.verify.layers.kicad_drawn import Made, number
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm
 from tactape_fab.verify.layers.legend import inked_or_cut
 from tactape_fab.verify.layers.written_form import same_contours, segments
@@ -96,7 +96,7 @@ def _dxf_problems(data: bytes, expected: Shown, made: Made) -> list[str]:
         over = any((low < top).all() and (high > bottom).all() for bottom, top in taken)
         if over or (low < 0.0).any() or (high > expected.size_mm).any():
             problems.append("it lets the fab print on parts, ink or holes, or off the board")
-    return problems + [f"it has a layer {quoted(layer)}" for layer in drawn]
+    return problems + [f"it has a layer {quoted(layer)}" for layer, lines in drawn.items() if lines]
 
 
 def _read_dxf(data: bytes) -> Drawn:
@@ -109,14 +109,19 @@ def _read_dxf(data: bytes) -> Drawn:
     lines = [f"{code} {value}" for code, value in tags]
     start = lines.index("2 ENTITIES")
     # only the table of layers is allowed, as blocks and styles could draw as well, or refer to a file
-    if lines[: len(_HEADER)] != _HEADER or not _LAYERS.fullmatch("\n".join(lines[len(_HEADER) : start])):
+    table = "\n".join(lines[len(_HEADER) : start])
+    if lines[: len(_HEADER)] != _HEADER or not _LAYERS.fullmatch(table):
         raise ValueError("it has another unit or release, a layer that is off or frozen, or holds more before what it draws")
-    drawn: Drawn = {}
+    drawn: Drawn = {name: [] for name in re.findall(r"0 LAYER\n2 ([A-Z]+)", table)}
+    if len(drawn) < table.count("0 LAYER"):
+        raise ValueError("its table has a layer twice")
     at, end = start + 1, len(tags) - 2
     while at < end:
         kind, (code, layer) = tags[at], tags[at + 1]
         if code != 8 or kind not in ((0, "CIRCLE"), (0, "POLYLINE")):
             raise ValueError(f"it draws a {quoted(kind[1])}")
+        if layer not in drawn:
+            raise ValueError(f"its table has no layer {quoted(layer)}")
         points: list[tuple[float, ...]] = []
         if kind[1] == "CIRCLE":
             # group codes of the DXF reference: 10, 20, 30 are x, y, z of a point, 40 a radius, 8 the layer; 0 begins an entity
@@ -137,7 +142,7 @@ def _read_dxf(data: bytes) -> Drawn:
             if tags[at : at + 2] != [(0, "SEQEND"), (8, layer)] or not points:
                 raise ValueError("a line of it does not end")
             at += 2
-        drawn.setdefault(layer, []).append(np.array(points))
+        drawn[layer].append(np.array(points))
     for line in (*drawn.get("FIELD", []), *drawn.get("NUMBER", [])):  # another shape holds less than its bounding box
         (left, low), (right, high) = _box(line)
         if line[:, :2].tolist() != [[left, low], [right, low], [right, high], [left, high]]:
@@ -152,7 +157,7 @@ def _numbers(tags: list[tuple[int, str]], codes: tuple[int, ...]) -> tuple[float
     """The values of a point or circle without z, which must be 0. Raises ValueError for values beyond `_FAR_MM`."""
     if tuple(code for code, _ in tags) != codes or tags[2][1] != "0.0":
         raise ValueError("a point of it is not in the plane")
-    values = tuple(float(value) for code, value in tags if code != 30)
+    values = tuple(number(value) for code, value in tags if code != 30)
     if not all(abs(value) <= _FAR_MM for value in values):  # refuses NaN as well; squares of distances stay finite
         raise ValueError(f"a point of it is farther away than {_FAR_MM:g} mm")
     return values

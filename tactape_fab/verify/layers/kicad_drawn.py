@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isclose, isfinite
+from math import isclose
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from tactape_fab.base.fields import shown as quoted
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.kit.read.gerber_file import GerberContent, GerberShapes, ReadbackError
 from tactape_fab.kit.read.s_expression import Tree
+from tactape_fab.texture.cpl import written_with
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tape
@@ -107,7 +108,8 @@ def rules_problems(project: bytes, limits_mm: Mapping[str, Any], track_width_mm:
         rules, severities = dict(settings["rules"]), settings["rule_severities"]
         # KiCad uses the larger one of the board's clearance and the net class's
         rules |= {"clearance of its class": net_class["clearance"], "track width of its class": net_class["track_width"]}
-        found = {key: float(value) for key, value in rules.items()}
+        # KiCad passes over a number in quotes, and takes its own
+        found = {key: value for key, value in rules.items() if type(value) in (int, float)}
     except (ValueError, KeyError, TypeError):
         return ["its project holds no design rules"]
     wanted = {key: limits_mm[rule] for key, rule in {**_RULES, "clearance of its class": "pad-pad"}.items() if rule in limits_mm}
@@ -127,11 +129,15 @@ def child(tree: Sequence[str | Tree], name: str) -> Tree:
 
 
 def values(tree: Sequence[str | Tree], name: str) -> list[float]:
-    """The finite numbers of the one list of this name in a list."""
-    numbers = [float(word) for word in child(tree, name)[1:] if isinstance(word, str)]
-    if not all(map(isfinite, numbers)):  # faster than numpy for so few
-        raise ReadbackError(f"{name} is not finite")
-    return numbers
+    """The numbers of the one list of this name in a list."""
+    return [number(word) for word in child(tree, name)[1:] if isinstance(word, str)]
+
+
+def number(word: str) -> float:
+    """A number of KiCad or of a DXF. Python's float takes 3_1.15 for one as well, of which others read the 3."""
+    if not written_with(word, "-.0123456789"):
+        raise ValueError(f"{quoted(word)} stands where a number should")
+    return float(word)
 
 
 def layer_of(tree: Tree) -> str:
@@ -192,7 +198,11 @@ def _footprint_problem(some: Alike, made: Made) -> str | None:
         return "another name"
     if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.record.assembly.value]:
         return "another value"
-    bodies = [(values(i, "start"), values(i, "end")) for i in inner if i[0] == "fp_rect" and layer_of(i) == "F.Fab"]
+    # read on all layers: KiCad refuses a board for one of them that is no number
+    drawn = [(layer_of(i), values(i, "start"), values(i, "end")) for i in inner if i[0] == "fp_rect"]
+    if any(values(i, "at")[:2] != [0.0, 0.0] for i in inner if i[0] == "fp_text"):
+        return "a text elsewhere"
+    bodies = [ends for layer, *ends in drawn if layer == "F.Fab"]
     half = np.array(made.tape.part.body_mm[:2]) / 2
     right = len(bodies) == 1 and np.allclose(bodies[0], (-half, half), rtol=0.0, atol=PLACE_TOLERANCE_MM)
     return None if right else "another body"
@@ -280,10 +290,8 @@ def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile
 def _polygon(item: Tree, origin_mm: FloatArray) -> FloatArray:
     """Corners of a filled polygon, board frame."""
     _refuse_hollow(item)
-    rows = [[float(word) for word in point[1:]] for point in child(item, "pts")[1:] if isinstance(point, tuple)]  # type: ignore[arg-type]
+    rows = [[number(str(word)) for word in point[1:]] for point in child(item, "pts")[1:] if isinstance(point, tuple)]
     corners = np.array(rows, dtype=np.float64).reshape(-1, 2)
-    if not np.isfinite(corners).all():
-        raise ReadbackError("a polygon of it is not finite")
     return (corners - origin_mm) * (1.0, -1.0)
 
 

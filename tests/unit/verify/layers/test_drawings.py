@@ -76,7 +76,7 @@ CHANGES: dict[str, tuple[Callable[[str], str], str]] = {
     "hole twice": (added(f"  0\nCIRCLE\n  8\n{HOLE}"), "its HOLES are 2 contours that are not the 1"),
     "hole above": (swapped("15.000000\n 30\n0.0\n", "15.000000\n 30\n1.0\n"), "a point of it is not in the plane"),
     "hole far away": (swapped(HOLE, HOLE.replace("3.000000", "10001.0")), "farther away than 10000 mm"),
-    "hole nowhere": (swapped(HOLE, HOLE.replace("3.000000", "nan")), "farther away than 10000 mm"),
+    "hole nowhere": (swapped(HOLE, HOLE.replace("3.000000", "nan")), "'nan' stands where a number should"),
     "outline larger": (lambda text: text.replace("40.000000", "40.002000"), "its outline is not that of 40 x 30 mm"),
     "outline twice": (added(line("OUTLINE", (0.0, 0.0), (40.0, 30.0))), "its outline is not that of 40 x 30 mm"),
     "a slot": (added(line("SLOTS", (1.0, 1.0), (2.0, 9.0))), "its SLOTS are 1 contours that are not the 0"),
@@ -102,7 +102,7 @@ CHANGES: dict[str, tuple[Callable[[str], str], str]] = {
     "a number on the hole": (added(line("NUMBER", (2.0, 14.0), (4.0, 16.0))), PRINTS),
     "a number off the board": (added(line("NUMBER", (20.0, 28.8), (24.0, 30.1))), PRINTS),
     "a number left of it": (added(line("NUMBER", (-0.1, 28.8), (0.2, 29.9))), PRINTS),
-    "another layer": (added(line("NOTES", (1.0, 1.0), (2.0, 2.0))), "it has a layer 'NOTES'"),
+    "another layer": (added(line("NOTES", (1.0, 1.0), (2.0, 2.0))), "its table has no layer 'NOTES'"),
     "another entity": (swapped("CIRCLE\n", "ELLIPSE\n"), "it draws a 'ELLIPSE'"),
     "another unit": (
         lambda text: text.replace("$INSUNITS\n 70\n4", "$INSUNITS\n 70\n1"),
