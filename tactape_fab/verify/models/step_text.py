@@ -62,7 +62,7 @@ class StepText:
 
     digest: Its SHA-256.
     count: Number of entities by kind.
-    plain: Whether it follows a short header, and has no comments.
+    plain: Whether it follows a short header, has no comments, and is of ASCII: OCCT passes over other bytes, and others may not.
     """
 
     digest: bytes
@@ -77,7 +77,7 @@ def step_text(data: bytes) -> StepText:
         # colours are not part of the shape, and not known here
         digest=hashlib.sha256(_COLOUR.sub(b"", body)).digest(),
         count=Counter(word.upper() for word in _KEYWORD.findall(body)),
-        plain=len(header) < _LONGEST_HEADER and b"/*" not in data,
+        plain=len(header) < _LONGEST_HEADER and b"/*" not in data and data.isascii(),
     )
 
 
@@ -93,7 +93,7 @@ def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile])
 def foreign_entities(found: StepText, own: StepText) -> str | None:
     """Problem of a STEP file that no version would write for this tape; None if a CAD kernel may read it."""
     if not found.plain:
-        return "it has comments or a long header"
+        return "it has comments, a long header, or a character beyond ASCII"
     # kinds that this version does not write have no entry, so none is allowed
     most = {kind: _MORE * count + _SPARE for kind, count in own.count.items()}
     many = [f"{count} of {kind.decode()[:60]}" for kind, count in found.count.items() if count > most.get(kind, 0)]

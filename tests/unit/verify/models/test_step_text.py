@@ -72,6 +72,7 @@ STRANGE: dict[str, tuple[Change, str]] = {
     "many faces": (swap(b"DATA;\n", b"DATA;\n" + b"#1=ADVANCED_FACE('',(#2),#3,.T.);\n" * 5000), "of ADVANCED_FACE"),
     "many solids": (swap(b"DATA;\n", b"DATA;\n" + b"#1=MANIFOLD_SOLID_BREP('',#2);\n" * 100), "of MANIFOLD_SOLID_BREP"),
     "a long header": (swap(b"HEADER;\n", b"HEADER;\n" + b"A();" * 1000), "a long header"),
+    "Arabic digits": (swap(b"#10=", "#1\u0660=".encode()), "beyond ASCII"),
     "no data": (swap(b"\nDATA;\n", b"\nDATA ;\n"), "a long header"),
 }
 
