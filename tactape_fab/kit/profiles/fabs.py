@@ -215,9 +215,11 @@ def load_fab(name: str) -> FabProfile:
     size = table.table("size", ("largest_mm", *SOURCE_KEYS))
     largest = size.numbers("largest_mm", 2, above=0.0)
     # with equal names one file would overwrite the other
-    names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
-    for shared in sorted({n for n in names if names.count(n) > 1}):
-        files.problem("files", f"{shown(shared)} stands at two roles, which cannot share a file name; give each its own")
+    given = [(role, files.values[role]) for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
+    for shared in dict.fromkeys(name for _, name in given):
+        roles = [role for role, name in given if name.casefold() == shared.casefold()]  # one name on Windows and macOS
+        if len(roles) > 1 and shared == files.values[roles[0]]:
+            files.problem(roles[0], f"{' and '.join(roles)} = {shown(shared)} would be one file; give each a name of its own")
     if colours.values.get("legend") in _COLOURS_ALIKE.get(str(colours.values.get("coverlay")), ()):
         both = colours.values["legend"]
         colours.problem("legend", f"legend = {both!r} on coverlay {both!r} cannot be seen, nor its tag; give another of the two")

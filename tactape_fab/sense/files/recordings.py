@@ -144,9 +144,9 @@ def _refused(path: Path, read: Callable[[], Iterator[Stamped]]) -> Iterator[Stam
 def _damaged(path: Path, error: Exception) -> SpecError:
     if isinstance(error, SpecError):
         return SpecError([Problem("frames", f"{shown_path(path)}: {p.message}") for p in error.problems])
-    said = reason_of(error) if isinstance(error, OSError) else str(error)
-    reason = said.split("\n", maxsplit=1)[0][:200] or type(error).__name__
+    reason = reason_of(error).split("\n", maxsplit=1)[0][:200] or type(error).__name__
     if isinstance(error, FrameError | ValueError | OSError):
-        return SpecError(Problem("frames", f"{shown_path(path)} cannot be read: {reason}; record it again, or give another"))
+        which = getattr(error, "filename", None) or path  # the one file of a folder
+        return SpecError(Problem("frames", f"{shown_path(which)} cannot be read: {reason}; record it again, or give another"))
     remedy = "mcap recover FILE.mcap -o WHOLE.mcap saves what is whole" if _is_bag(path) else "record it again"
     return SpecError(Problem("frames", f"{shown_path(path)} is damaged ({type(error).__name__}: {reason}); {remedy}"))

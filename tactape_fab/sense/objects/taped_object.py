@@ -201,8 +201,9 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
         table.problem("rpy_deg", f"{' or '.join(_POSES)} says how the film lies, but given is {named}; give one of them")
     turn, position = _read_pose(table, given)
     corners = _read_corners(table) if given == ["tag_corners_mm"] else None
-    kit = folder / table.text("kit", longest=4096)
-    tape, printed = (_read_kit(kit, table) if "kit" in row and isinstance(row["kit"], str) else None) or (None, None)
+    kit = folder / table.text("kit", longest=4096, pattern="(?s).+", remedy="give the folder of a kit")
+    # an empty one would be the folder of this file
+    tape, printed = (_read_kit(kit, table) if isinstance(row.get("kit"), str) and row["kit"] else None) or (None, None)
     if printed is not None and surface == "cylinder":
         message = f"kit = {shown_path(kit)} is printed round a cylinder of {printed.top_mm:g} mm already"
         remedy = "give surface = 'plane' with position_mm and rpy_deg of its model, and no radius_mm, under_mm and around"

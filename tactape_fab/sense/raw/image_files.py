@@ -66,12 +66,12 @@ def read_picture(path: Path) -> npt.NDArray[Any]:
 
 def read_colour_header(path: Path) -> tuple[int, int]:
     """(height, width) of a colour image; raises as `read_picture_header`."""
-    return _checked_colour_size(_bytes_of(path))
+    return _checked_colour_size(_bytes_of(path, _COLOUR_REMEDY))
 
 
 def read_colour(path: Path) -> npt.NDArray[np.uint8]:
     """A colour image, shape (height, width, 3), blue first, as it lies in the file; raises as `read_picture_header`."""
-    return unpacked_colour(_bytes_of(path))
+    return unpacked_colour(_bytes_of(path, _COLOUR_REMEDY))
 
 
 def unpacked_colour(data: bytes) -> npt.NDArray[np.uint8]:
@@ -132,10 +132,10 @@ def unpacked_grey(data: bytes) -> npt.NDArray[Any]:
     return picture if picture.ndim == 2 else np.ascontiguousarray(picture[:, :, 0])
 
 
-def _bytes_of(path: Path) -> bytes:
+def _bytes_of(path: Path, remedy: str = _REMEDY) -> bytes:
     data = read_regular(path, _MOST_BYTES)
     if len(data) > _MOST_BYTES:
-        raise SpecError(f"it is larger than {_MOST_BYTES} bytes; {_REMEDY}")
+        raise SpecError(f"it is larger than {_MOST_BYTES} bytes; {remedy}")
     return data
 
 

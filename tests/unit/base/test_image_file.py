@@ -72,3 +72,11 @@ def test_a_tag_of_a_tiff_has_one_value() -> None:
         TiffDirectory(tiff((256, 4, 30_000), (256, 4, 64)), "write it anew")  # libtiff takes the first
     with pytest.raises(SpecError, match="tag 256 in its header is of type 16, no whole number"):
         TiffDirectory(tiff((256, 16, 64)), "write it anew").value(256)  # eight bytes elsewhere, and the entry their place
+
+
+def test_a_file_that_is_too_large_is_told_what_to_give(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactape_fab.sense.raw.image_files._MOST_BYTES", 9)
+    (tmp_path / "a.png").write_bytes(bytes(10))
+    for read, remedy in ((read_colour, "give a PNG or JPEG with three channels"), (read_picture, "write it with one channel")):
+        with pytest.raises(SpecError, match=f"larger than 9 bytes; {remedy}"):
+            read(tmp_path / "a.png")

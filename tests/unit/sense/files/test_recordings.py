@@ -216,6 +216,15 @@ def test_files_of_a_split_bag_are_read_in_the_order_of_its_list(listed: Sequence
     np.testing.assert_array_equal(second, ramp(9))
 
 
+def test_the_file_of_a_bag_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    bag = _split(tmp_path)
+    (bag / "b_9.mcap").unlink()
+    (bag / "b_9.mcap").mkdir()
+    message = f"{re.escape(str(bag / 'b_9.mcap'))} cannot be read: it is no regular file; record it again"
+    with pytest.raises(SpecError, match=f"^{message}"):
+        open_recording(bag, SENSOR)
+
+
 @pytest.mark.parametrize("kind", ["folder", ".db3", ".bag"])
 def test_a_bag_of_another_kind_is_refused_with_the_line_that_converts_it(kind: str, small_kit: Kit, tmp_path: Path) -> None:
     """ROS 2's SQLite and ROS 1; the line is run as it is said."""

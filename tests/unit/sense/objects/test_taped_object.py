@@ -238,10 +238,14 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
         ("name = 'a'", "tapes is missing; give a [[tapes]] for each tape on the object"),
         ("name = 'a'\ntapes = [3]", "tapes[0] = 3 is not a table"),
         ("name = 'a'\ntapes = []", "tapes is empty"),
-        (f"name = '{101 * 'a'}'\ntapes = []", "is not a text; give at most 100 characters in quotes"),
+        (f"name = '{101 * 'a'}'\ntapes = []", "has 101 characters; give at most 100 characters in quotes"),
         ("tapes = []", "name is missing"),
         ("name = [", "is not TOML"),
         ("name = 'a'\n[[tapes]]\nkit = 3\nsurface = 'plane'", "kit = 3 is not a text"),
+        (
+            "name = 'a'\n[[tapes]]\nkit = ''\nsurface = 'plane'",
+            "kit = '' has a form that cannot be used; give the folder of a kit",
+        ),
         ("name = 'a'\n[[tapes]]\nkit = \"a\\u0000b\"\nsurface = 'plane'\nposition_mm = [0, 0, 0]\nrpy_deg = [0, 0, 0]", "kit"),
     ],
 )
