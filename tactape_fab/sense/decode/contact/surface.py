@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.contact.bent import Bend
 from tactape_fab.sense.decode.contact.layer import force_on
-from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, MOST_CROWN, NARROW, Plane, dome_of, fit_plane, level_of, terms
+from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, LEAST_BEND, MOST_CROWN, Plane, dome_of, fit_plane, level_of, terms
 from tactape_fab.sense.decode.dots.detect import coarseness
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.posterior import eliminate
@@ -226,7 +226,7 @@ class ContactSurface:
         return bool(np.abs(plane.shown[3:] / plane.gain + crown).max() <= CROWN_ERROR)
 
     def _maybe_bent(self) -> bool:
-        """Whether the tops' curvature may be that of a tape round a narrow cylinder, by a quick fit."""
+        """Whether the tops' curvature may be that of a tape round a cylinder, by a quick fit."""
         (u, v), unit_mm, crown_mm = self.view.px_per_mm, self.view.unit_mm, self.view.gel.crown_mm
         curvatures = self.curvatures * (unit_mm * u * u, unit_mm * v * v, unit_mm * u * v)
         if level_of(curvatures) is not None:
@@ -235,7 +235,7 @@ class ContactSurface:
             return False
         uu, vv, uv = (curvatures + np.array([1.0 / crown_mm[0], 1.0 / crown_mm[1], 0.0])).tolist()
         mean, half = abs(uu + vv) / 2.0, hypot((uu - vv) / 2.0, uv)
-        return bool(mean + half > NARROW and mean - half < ONE_SIDED * (mean + half))
+        return bool(mean + half > LEAST_BEND and mean - half < ONE_SIDED * (mean + half))
 
     @cached_property
     def force(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
