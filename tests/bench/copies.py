@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from tactape_fab import Localizer
 from tactape_fab.base.jit import COMPILED
-from tactape_fab.sense import Scene
+from tactape_fab.sense import ElasticContact, Scene
 from tactape_fab.sense.decode.settings import World
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.localization_accuracy import tag_detector, tag_frames
@@ -40,6 +40,8 @@ CONTACTS = (
         for wide, high in ((14.0, 10.0), (11.0, 9.0), (7.0, 7.0), (6.0, 6.0))
     ),
     Row(name="over the tape's edge", edge=True),
+    Row(name="tilted by 5°", scenes=(Scene(elastic=ElasticContact(tilt_deg=(5.0, 0.0))),)),
+    Row(name="round 16 mm", scenes=(Scene(elastic=ElasticContact(cylinder_radius_mm=16.0), contact_turn_deg=30.0),)),
 )
 WORLDS: tuple[World, World] = ("closed", "open")
 TRIES = 10

@@ -42,6 +42,8 @@ border on one side: there a surface of second order errs as a lens would, and sh
 SLIGHT_MM = 190.0
 """A slight tilt that is not taken off moves the position by its slope times this, times the draw over the area of the dots. Of
 0201 that is 5 um at 0.7 degrees and 0.5 N, 2.5 um at 1 to 3 N, 1 where the image is full of dots (elastic simulator, seed 21)."""
+_HEIGHT_PRIORS = np.diag([1e-9, *(HEIGHT_ERROR / np.repeat((SLOPE, BEND, TWIST), (2, 3, 4))) ** 2])
+_DERIVATIVES = np.array([[1, 3, 4, 6, 7, 8], [2, 4, 5, 7, 8, 9]])
 FLOOR = 0.2
 """Lower limit of the fitted pressure, over that of full dots."""
 LOW, RELIABLE, STEEPNESS = 0.15, 0.6, 0.45
@@ -112,21 +114,17 @@ def tilted_pose(
     moved = _flat(places, slope, bend, view)
     unsure_px = DRAWN_SIGMA * drawn
     found = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
-    if not (found.finite and 0.0 < found.sigma_mm < inf):
+    if found.fitted is None or not (found.finite and 0.0 < found.sigma_mm < inf):
         return pose, offset_px, False
     # remaining uncertainties: a share of the correction, a lean of the tops, and the parameters of the bend
-    left = [moved + DRAWN_ERROR * drawn, moved + LEAN_MM * view.px_per_mm * slope]
+    left = [DRAWN_ERROR * drawn, np.tile(LEAN_MM * view.px_per_mm * slope, (len(drawn), 1))]
     if bend is not None:
-        left += [_flat(places, slope, other, view) for other in bend.unsure()]
-        left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM))
+        left += [_flat(places, slope, other, view) - moved for other in bend.unsure()]
+        left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM) - moved)
     else:
-        left.append(_upright(places, (1.0 + unsure) * slope))
-    changes = np.zeros((len(left) + 1, 3))
-    changes[-1] = slight
-    for by, change in zip(left, changes[:-1], strict=True):
-        # change of the pose by one standard deviation of an uncertain amount: its outer product is added to the covariance
-        other = fit_pose(by, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
-        change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
+        left.append(_upright(places, (1.0 + unsure) * slope) - moved)
+    # changes of the pose by one standard deviation of an uncertain amount: their outer products are added to the covariance
+    changes = np.vstack([found.fitted.changes(np.array(left)[:, found.used] / view.px_per_mm), slight])
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
     count = float(pose.agree.sum())
     # without drawn tops the tape is flat, under a dome or none, or a film that is bent all the same
@@ -154,6 +152,8 @@ def _mixture(shares: tuple[float, ...], poses: tuple[Pose, ...], strain: FloatAr
     strain (3, 3): Covariance of errors that all have besides.
     """
     first, of = poses[0], np.array(shares)
+    if shares[0] == 1.0:
+        return replace(first, covariance=first.covariance + strain)
     apart = np.array([[*(p.position_mm - first.position_mm), remainder(p.theta_rad - first.theta_rad, tau)] for p in poses])
     towards = of @ apart
     scatter = (of * (apart - towards).T) @ (apart - towards)
@@ -210,13 +210,13 @@ def _drawn_by_slope_mm2(view: View) -> FloatArray:
 def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:
     """Slopes of the pressure at the dots over the pressure, 1/mm, by a third-order surface through their heights; (n, 2)."""
     x, y = (at_mm - at_mm.mean(axis=0)).T
-    one, none = np.ones_like(x), np.zeros_like(x)
-    rows = np.stack([one, x, y, x * x / 2, y * y / 2, x * y, x**3 / 6, x * x * y / 2, x * y * y / 2, y**3 / 6])
-    along_u = np.stack([none, one, none, x, none, y, x * x / 2, x * y, y * y / 2, none])
-    along_v = np.stack([none, none, one, none, y, x, none, x * x / 2, x * y, y * y / 2])
+    xx, xy, yy, rows = x * x / 2, x * y, y * y / 2, np.empty((10, len(heights)))
+    for row, term in zip(rows, (1.0, x, y, xx, xy, yy, x * xx / 3, xx * y, x * yy, y * yy / 3), strict=True):
+        row[:] = term
     shares = heights / max(float(np.sort(heights)[3 * len(heights) // 4]), 1e-300)
     known, level = rows[:, shares > 0.0], shares[shares > 0.0]
-    prior = np.diag([1e-9, *(HEIGHT_ERROR / np.repeat((SLOPE, BEND, TWIST), (2, 3, 4))) ** 2])
     # ridge regression; the constant's prior is only there so that no matrix is singular
-    surface = np.linalg.solve(known @ known.T + prior, known @ level)
-    return np.asarray(np.stack([surface @ along_u, surface @ along_v], axis=1) / np.maximum(surface @ rows, FLOOR)[:, None])
+    surface = np.linalg.solve(known @ known.T + _HEIGHT_PRIORS, known @ level)
+    # d/du and d/dv of a row are rows of one order less
+    slopes = surface[_DERIVATIVES] @ rows[:6]
+    return np.asarray((slopes / np.maximum(surface @ rows, FLOOR)).T)

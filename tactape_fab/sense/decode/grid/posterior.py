@@ -76,6 +76,20 @@ class Fitted:
     state: FloatArray
     turn: FloatArray
 
+    def changes(self, moves_mm: FloatArray) -> FloatArray:
+        """Changes of x mm, y mm and theta rad where dots move on the gel, in the image's axes; (k, n, 2) to (k, 3).
+
+        One step from the solution, with its weights. Moves are micrometres: that the camera's corrections stretch them by percent
+        is left out.
+        """
+        if self.smooth_mm2 is None:
+            weighed = self.rates[:9] / self.errors_mm2
+        else:
+            weighed = self.rates[:9] @ np.linalg.inv(self.smooth_mm2 + np.diag(self.errors_mm2))
+        # where a dot moves, its residual, the target less the dot, falls by as much
+        moved = moves_mm.transpose(0, 2, 1).reshape(len(moves_mm), -1) @ weighed.reshape(9, -1).T
+        return np.asarray(-moved @ self.covariance[:, :3] @ self.turn.T)
+
 
 def posterior(
     seen_mm: FloatArray,

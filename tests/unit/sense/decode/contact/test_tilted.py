@@ -251,6 +251,13 @@ def pose_of(theta: float = THETA, sigma_mm: float = 0.02, count: int = len(GRID_
     )
 
 
+class Mean:
+    """A stand-in for the dots of a fit: a pose that moves as they do on the whole, and does not turn."""
+
+    def changes(self, moves_mm: FloatArray) -> FloatArray:
+        return np.column_stack([moves_mm.mean(axis=1), np.zeros(len(moves_mm))])
+
+
 class Fits:
     """A stand-in for the fit: the position is the mean of the places, mm; what it was asked for is kept."""
 
@@ -274,8 +281,9 @@ class Fits:
         self.places.append(places)
         self.weights.append(weights)
         self.unsure.append(np.zeros((0, 2)) if unsure_px is None else unsure_px)
+        seen: dict[str, Any] = {"fitted": Mean(), "used": np.arange(len(places))}
         found = replace(pose_of(), position_mm=PLACE_MM + places.mean(axis=0) / scale, covariance=np.diag([1e-6, 2e-6, 3e-6]))
-        return replace(found, **self.said)
+        return replace(found, **(seen | self.said))
 
 
 def asked(
@@ -440,6 +448,7 @@ def test_tops_of_no_film_are_drawn_or_not_by_what_fits_better(monkeypatch: pytes
     both = np.array([*apart, 2e-4])
     own = 1.0 - 0.36 * 0.180625
     expected = (1.0 - p) * own * np.diag([1e-6, 2e-6, 3e-6]) + p * before.covariance + p * (1.0 - p) * np.outer(both, both)
+    expected[0, 0] += (LEAN_MM * 0.06) ** 2
     assert found.covariance == pytest.approx(expected, rel=1e-6)
     worse = asked(lie, pose=pose_of(-pi + 1e-4, sigma_mm=0.03))  # without the draw
     assert worse[2] and worse[0].position_mm == pytest.approx(PLACE_MM - apart, abs=1e-5)

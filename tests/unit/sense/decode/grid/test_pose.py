@@ -404,3 +404,20 @@ def test_refined_places_are_not_pushed_back() -> None:
     assert np.abs(refined.position_mm - PLACE).max() < 1e-9
     assert np.abs(tops.position_mm - PLACE).max() > 1e-5
     assert refined.sigma_mm < tops.sigma_mm
+
+
+@pytest.mark.parametrize("gel_mm", [0.0, 0.05])
+@pytest.mark.parametrize("theta", [0.0, 0.8, -2.5])
+def test_small_moves_of_the_dots_change_the_pose_as_a_fit_anew_does(theta: float, gel_mm: float) -> None:
+    rng = np.random.default_rng(5)
+    seen_mm = contact(rng, (1.0, -0.5))
+    texture = PLACE + seen_mm @ turn_of(theta).T + rng.normal(0.0, 0.001, seen_mm.shape)
+    beliefs, weights = replace(STOCK, gel_mm=gel_mm, correlation_mm=2.0), rng.uniform(0.7, 1.0, len(seen_mm))
+    pose = fit_pose(R * seen_mm, texture, weights, R, beliefs)
+    u, v = seen_mm.T
+    moves_mm = 1e-4 * np.array([np.ones_like(seen_mm), np.stack([v, -u], axis=1), np.stack([u * v, u], axis=1)])
+    assert pose.fitted is not None and pose.used is not None and len(pose.used) == len(seen_mm)
+    for moved_mm, change in zip(moves_mm, pose.fitted.changes(moves_mm), strict=True):
+        other = fit_pose(R * (seen_mm + moved_mm), texture, weights, R, beliefs)
+        anew = np.array([*(other.position_mm - pose.position_mm), other.theta_rad - pose.theta_rad])
+        assert np.abs(anew).max() > 2e-5 and change == pytest.approx(anew, abs=0.03 * np.abs(anew).max())
