@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import hypot, sqrt
 
 import numpy as np
@@ -16,7 +17,7 @@ MOST_SINE = 0.95
 """Largest sine of the slope, 72 degrees, at which positions on a flank are computed."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Bend:
     """How a tape that is bent about one axis lies under the image: its tops are on a circle across the axis.
 
@@ -41,7 +42,7 @@ class Bend:
     @property
     def on_flank(self) -> bool:
         """Whether the image's centre may be beyond the flank, so that no place is under it."""
-        error = hypot(*(other.sine - self.sine for other in self.unsure()))
+        error = hypot(*(other.sine - self.sine for other in self.unsure))
         return not abs(self.sine) + error <= MOST_SINE
 
     @property
@@ -62,14 +63,15 @@ class Bend:
 
         part_mm: Height of the tops over the film.
         """
-        across, along = seen_mm @ self.across, seen_mm @ np.array([-self.across[1], self.across[0]])
-        sines = np.clip(np.append(self.sine, self.sine + self.curvature * across), -MOST_SINE, MOST_SINE)
-        angles = np.arcsin(sines)
+        sideways = np.array([-self.across[1], self.across[0]])
+        across, along = seen_mm @ self.across, seen_mm @ sideways
+        angles = np.arcsin(np.minimum(np.maximum(self.sine + self.curvature * across, -MOST_SINE), MOST_SINE))
+        at_centre = np.arcsin(min(max(self.sine, -MOST_SINE), MOST_SINE))
         # arcs of the tops, and by how much the film's are longer or shorter
-        arcs = (angles[1:] - angles[0]) / self.curvature * (1.0 + part_mm * self.curvature)
-        out: FloatArray = np.outer(arcs, self.across)
-        return out + np.outer(along * sqrt(1.0 + self.along**2), (-self.across[1], self.across[0]))
+        arcs = (angles - at_centre) / self.curvature * (1.0 + part_mm * self.curvature)
+        return np.asarray(arcs[:, None] * self.across + (along * sqrt(1.0 + self.along**2))[:, None] * sideways)
 
+    @cached_property
     def unsure(self) -> tuple[Bend, Bend, Bend]:
         """Three copies: with the angle in the middle, the curvature, or the slope along the axis off by a standard deviation."""
         at_middle = self.sine + self.curvature * self.middle_mm

@@ -134,7 +134,7 @@ def fit_plane(
     if bend is not None:
         # beyond the contact the tops follow a circle, not the fitted parabola
         rise = np.append(terms(middle_mm[None])[0] @ shown / gain + bend.height_mm(middle_mm), bend.slope)
-        changes = np.array([other.slope - bend.slope for other in bend.unsure()])
+        changes = np.array([other.slope - bend.slope for other in bend.unsure])
         of_rise[1:, 1:] = changes.T @ changes
     elif flat is None and crown_mm is not None:
         # a film is not bent about both axes, so its slope may as well be that of the contact's middle

@@ -119,7 +119,7 @@ def tilted_pose(
     # remaining uncertainties: a share of the correction, a lean of the tops, and the parameters of the bend
     left = [DRAWN_ERROR * drawn, np.tile(LEAN_MM * view.px_per_mm * slope, (len(drawn), 1))]
     if bend is not None:
-        left += [_flat(places, slope, other, view) - moved for other in bend.unsure()]
+        left += [_flat(places, slope, other, view) - moved for other in bend.unsure]
         left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM) - moved)
     else:
         left.append(_upright(places, (1.0 + unsure) * slope) - moved)

@@ -101,7 +101,7 @@ def test_what_is_flat_or_bent_about_two_axes_is_not_unrolled(surface: tuple[floa
 
 def test_errors_of_the_slope_and_the_curvature_are_those_that_are_said() -> None:
     bend = replace(round_a_cylinder(8.0, 4.0), middle_mm=-1.0)
-    angled, curved, leaning = bend.unsure()
+    angled, curved, leaning = bend.unsure
     assert asin(angled.sine - angled.curvature) - asin(5.0 / 8.0) == pytest.approx(0.002, rel=1e-2)
     assert (curved.curvature, curved.sine) == pytest.approx((-1.0 / 8.0 + 0.003, 0.5 + 0.003))
     assert (leaning.along, leaning.sine) == (0.001, bend.sine)
