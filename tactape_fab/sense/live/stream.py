@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable, Iterator
 from math import prod
 from threading import Event
@@ -18,6 +19,9 @@ from tactape_fab.sense.files.depth_maps import ArrayHeader, read_array_header
 from tactape_fab.sense.live.sources import Frame, Trouble, as_source
 
 MAGIC = b"\x93NUMPY"
+_START = re.compile(rb"\x93NUMPY[\x01-\x03]\x00")
+"""An array's first bytes (NEP 1: the magic and the format's version). The magic alone begins none."""
+_START_BYTES = 8
 _MOST_BYTES = 256 << 20
 _PIECE = 1 << 16
 
@@ -43,7 +47,7 @@ def stream_source(
     source = _Bytes(stream)
     number, last = 0, None
     while not stop.is_set():
-        skipped = source.skip_to(MAGIC)
+        skipped = source.skip_to_array()
         if skipped:
             last = None  # the frame that it was of may be among them
             yield Trouble(
@@ -113,12 +117,12 @@ class _Bytes:
         """Put bytes back, to be read next."""
         self._ahead[:0] = data
 
-    def skip_to(self, mark: bytes) -> int:
-        """Skip all before a mark, or to the end; how many bytes that was."""
+    def skip_to_array(self) -> int:
+        """Skip all before the first bytes of an array, or to the end; how many bytes that was."""
         skipped = 0
-        while (at := self._ahead.find(mark)) < 0:
-            # the last bytes may be the mark's first
-            gone = max(0, len(self._ahead) - len(mark) + 1)
+        while (start := _START.search(self._ahead)) is None:
+            # the last bytes may be an array's first
+            gone = max(0, len(self._ahead) - _START_BYTES + 1)
             del self._ahead[:gone]
             skipped += gone
             piece = self._stream.read(_PIECE)
@@ -127,8 +131,8 @@ class _Bytes:
                 self._ahead.clear()
                 return skipped
             self._ahead += piece
-        del self._ahead[:at]
-        return skipped + at
+        del self._ahead[: start.start()]
+        return skipped + start.start()
 
 
 def _array(source: _Bytes) -> npt.NDArray[Any]:
@@ -137,10 +141,10 @@ def _array(source: _Bytes) -> npt.NDArray[Any]:
     Raises EOFError at the end, with a message where that is in the middle of an array.
     Raises ValueError if the array is invalid.
     """
-    mark = source.read(len(MAGIC))
-    if not mark:
+    start = source.read(_START_BYTES)
+    if not start:
         raise EOFError
-    header = _header(mark, source)
+    header = _header(start, source)
     size = prod(header.shape) * header.dtype.itemsize
     if size > _MOST_BYTES or len(header.shape) not in (0, 2, 3):
         raise ValueError(f"an array of shape {shown(header.shape)} is no frame, and no stack of at most {_MOST_BYTES} bytes")
@@ -153,18 +157,18 @@ def _array(source: _Bytes) -> npt.NDArray[Any]:
     return np.frombuffer(data, dtype=header.dtype).reshape(header.shape, order="F" if header.fortran else "C")
 
 
-def _header(mark: bytes, source: _Bytes) -> ArrayHeader:
-    """A header behind the magic (NEP 1: two bytes of version, two or four of length, a literal)."""
-    before = mark + source.read(2)
-    width = 2 if before[-2:-1] == b"\x01" else 4
+def _header(start: bytes, source: _Bytes) -> ArrayHeader:
+    """A header behind magic and version (NEP 1: two or four bytes of length, a literal)."""
+    width = 2 if start[-2:] == b"\x01\x00" else 4
     length = source.read(width)
-    text = source.read(min(int.from_bytes(length, "little"), _PIECE))
-    if len(length) < width or not text:
+    # up to another mark: numpy takes 12 ms to refuse the 10 kB that a header may announce
+    text = source.read_to(MAGIC, min(int.from_bytes(length, "little"), _PIECE))
+    if len(length) < width or not (text or source.comes(MAGIC)):
         raise EOFError("the stream ends in a header")
     try:
-        return read_array_header(io.BytesIO(before + length + text))
+        return read_array_header(io.BytesIO(start + length + text))
     except (SpecError, ValueError) as error:
         # its writer may have been stopped in the header, and another one's array begin in these bytes
-        behind = before[len(mark) :] + length + text
+        behind = length + text
         source.give_back(behind[behind.find(MAGIC[:1]) :] if MAGIC[:1] in behind else b"")
         raise ValueError(str(error)) from error

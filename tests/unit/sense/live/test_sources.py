@@ -219,6 +219,19 @@ def test_headers_without_data_take_time_once() -> None:
     assert process_time() - before_s < 3.0
 
 
+@pytest.mark.parametrize(
+    ("piece", "most"),
+    [(b"\x93NUMPY", 1), (b"\x93NUMPY\x01\x00\x10\x27", 5_000), (b"\x93NUMPY\x02\x00\x10\x27\0\0{'", 5_000)],
+    ids=["magic", "header", "header 2.0"],
+)
+def test_starts_of_arrays_without_an_array_take_time_once(piece: bytes, most: int) -> None:
+    """The magic alone took 4 s for 1 MB, and 10 kB that each header announces 60 s for 50 kB."""
+    before_s = process_time()
+    frames, troubles = read(stream_source(io.BytesIO(piece * 5_000 + npy(ramp(0)))))
+    assert len(frames) == 1 and len(troubles) <= most
+    assert process_time() - before_s < 2.0
+
+
 # Folder
 
 
