@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Check, SpecError, reason_of, refuse
-from tactape_fab.base.fields import Fields, named
+from tactape_fab.base.fields import Fields, named, shown
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
@@ -63,20 +63,23 @@ from tactape_fab.verify.verification import Beside, OnCheck, Verification, colle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PanelRecord:
-    """Content of a panel's manifest; `said` is the panel as it stands there."""
+    """Content of a panel's manifest; `said` is the panel, `rows` its tapes and `spec` their options as they stand there."""
 
     name: str
     panel: Panel
     said: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+    spec: Mapping[str, Any]
     placed: tuple[PlacedTape, ...]
     film: FilmManifest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _OnPanel(OnPanel):
-    """A kit's tape and its place, with the film of its own manifest, as tapes of a packed panel may differ."""
+    """A kit's tape and its place, with film and spec of its own manifest, as tapes of a packed panel may differ."""
 
     film: FilmManifest
+    spec: Mapping[str, Any]
 
 
 def verify_panel_folder(
@@ -145,6 +148,8 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
         name=table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY),
         panel=read_panel_record(table.table("panel")),
         said=table.table("panel").values,
+        rows=manifest.get("tapes", ()),
+        spec=manifest.get("spec", {}),
         placed=read_placed(table),
         film=read_film_manifest(table),
     )
@@ -156,9 +161,9 @@ def _on_panel(folder: Path, place: PlacedTape) -> _OnPanel:
     file = folder / PurePosixPath(place.manifest)
     tape = Tape.load(file, as_built=NOMINAL)
     table = Fields(read_any_manifest(file), f"{place.manifest}: ")
-    film = read_film_manifest(table)
+    film, spec = read_film_manifest(table), table.values.get("spec", {})
     refuse(table.problems)
-    return _OnPanel(tape=tape, place=place, film=film)
+    return _OnPanel(tape=tape, place=place, film=film, spec=spec)
 
 
 def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check:
@@ -170,8 +175,17 @@ def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check
     problems = [f"the panel's {named(other)} in the manifest do not follow from what else it says"] if other else []
     if len(tapes) != panel.count:
         problems.append(f"{len(tapes)} tapes where the panel has {panel.words}")
+    # its options are those of its first tape, but for what each tape has of its own
+    if other := [key for key, value in record.spec.items() if key not in tapes[0].spec or tapes[0].spec[key] != value]:
+        problems.append(
+            f"the spec's {named([shown(key) for key in other])} in the manifest are not those of {tapes[0].tape.name}"
+        )
     number = 1
-    for on, place in zip(tapes, panel.places, strict=False):
+    for on, row, place in zip(tapes, record.rows, panel.places, strict=False):
+        own = {"name": on.tape.name, "sector": on.tape.sector, "parts": on.tape.part_count}
+        problems += [
+            f"{on.tape.name} is listed with {key} {shown(row[key])}" for key in own if row.get(key, own[key]) != own[key]
+        ]
         board = on.tape.board
         if np.abs(on.offset - place.offset_mm).max() > PLACE_TOLERANCE_MM or on.place.rotation_deg != place.rotation_deg:
             turned = f" turned {place.rotation_deg:g} deg" * place.turned

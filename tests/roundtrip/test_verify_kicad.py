@@ -132,6 +132,13 @@ CHANGES = {
         ),
         "its outline is",
     ),
+    "number in quotes": (replaced("(at 0.32 0 45)", '(at "0.32" 0 45)', 1), "no quotes around '0.32' of at"),
+    "number of a font in quotes": (replaced("(font (size 0.2", '(font (size "0.2"', 1), "no quotes around '0.2' of size"),
+    "word in quotes": (replaced("(fill solid)", '(fill "solid")', 1), "no quotes around 'solid' of fill"),
+    "kind in quotes": (replaced("fp_text reference", 'fp_text "reference"', 1), "no quotes around 'reference' of fp_text"),
+    "name of a list in quotes": (replaced("(size 0.46", '("size" 0.46', 1), "no quotes around 'size' of size"),
+    "format in quotes": (replaced("(version 20211014)", '(version "20211014")'), "'20211014' of version"),
+    "row of layers in quotes": (replaced('(0 "F.Cu"', '("0" "F.Cu"'), "no quotes around '0' of 0"),
     "hidden by a comment": (replaced("  (footprint", "#  (footprint", 1), "'#' or character beyond ASCII outside quotes"),
     "quote left open": (replaced('(rev "', "(rev ", 1), "quote without an end"),
     "bracket too many": (lambda t: t + ")", "brackets do not match"),
@@ -196,6 +203,9 @@ RULES = {
     "holes": ('"min_hole_to_hole": 0.5', '"min_hole_to_hole": 0.0'),
     "tracks": ('"min_track_width": 0.1', '"min_track_width": 0.0'),
     "tracks of the class": ('"track_width": 0.1', '"track_width": 0.2'),
+    "ink": ('"min_silk_clearance": 0.0', '"min_silk_clearance": 0.2'),
+    "vias": ('"via_drill": 0.3', '"via_drill": 0.1'),
+    "excluded": ('"rule_severities": {}', '"rule_severities": {}, "drc_exclusions": ["clearance|1|2"]'),
     "not checked": ('"rule_severities": {}', '"rule_severities": {"clearance": "ignore"}'),
 }
 

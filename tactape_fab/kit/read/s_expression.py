@@ -17,6 +17,13 @@ from tactape_fab.texture.frames import IntArray
 
 Tree: TypeAlias = "tuple[str | Tree, ...]"
 
+
+class Quoted(str):
+    """A word that stands in quotes: a text, never a number or a word of the format."""
+
+    __slots__ = ()
+
+
 _DEEPEST = 16
 _TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+', re.DOTALL)
 _FIRST_WORDS = re.compile(rb'\([^()"]*(?:"(?:[^"\\]|\\.)*"[^()"]*)*', re.DOTALL)
@@ -26,7 +33,7 @@ _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 
 
 def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
-    """Parse the single list of a file; words are kept as written, without their quotes.
+    """Parse the single list of a file; words are kept as written, those in quotes without them, as `Quoted`.
 
     data: UTF-8. Other characters than those of ASCII, a backslash, or a '#', which starts a comment in KiCad, are allowed only
         within quotes.
@@ -108,9 +115,9 @@ def _words(text: bytes) -> list[str]:
     return [_word(token) if token[0] == '"' else token for token in _TOKEN.findall(text.decode("utf-8"))]
 
 
-def _word(token: str) -> str:
+def _word(token: str) -> Quoted:
     """A word without its quotes."""
-    return _ESCAPED.sub(r"\1", token[1:-1])
+    return Quoted(_ESCAPED.sub(r"\1", token[1:-1]))
 
 
 def _parsed(text: bytes) -> list[Tree]:

@@ -13,7 +13,7 @@ from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
-from tactape_fab.kit.read.s_expression import Tree, read_s_expression
+from tactape_fab.kit.read.s_expression import Quoted, Tree, read_s_expression
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
@@ -34,6 +34,12 @@ _DRAWN_ON = {
 """Layers on which each kind of item may be drawn."""
 _OF_A_FOOTPRINT = ("layer", "at", "descr", "attr", "fp_text", "fp_rect", "pad")
 _OF_A_LAND = ("at", "size", "layers", "roundrect_rratio")
+_TEXTS: dict[str, Sequence[int]] = {
+    **dict.fromkeys(("title", "date", "rev", "paper", "layer", "footprint", "gr_text", "pad", "generator", "descr"), (1,)),
+    **dict.fromkeys(("fp_text", "net"), (2,)),
+    "layers": range(1, 99),
+}
+"""Places of words that KiCad takes in quotes, by the name of their list. It refuses a board with others: "need a number"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,8 +100,10 @@ def check_kicad(files: Mapping[str, WrittenFile], shown: Shown, made: Made) -> l
     """Check that the board shows exactly the content of manifest and layers, and that its project has the fab's rules."""
     try:
         with collection_paused():
-            found = _read_board(read_s_expression(files["kicad-pcb"].data, _IDENTIFIERS))
+            tree = read_s_expression(files["kicad-pcb"].data, _IDENTIFIERS)
+            found = _read_board(tree)
         problems = [
+            *_misquoted(tree),
             *_places(found, shown),
             *_lands(found, shown, made.record.lands),
             *_outline(found, shown),
@@ -146,6 +154,23 @@ def _read_board(tree: Tree) -> _Board:
         alike.setdefault(key, some).names.append(name)
     pads = {name: pads for some in alike.values() for pads in [some.pads] for name in some.names}
     return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, alike=[*alike.values()], pads=pads)
+
+
+def _misquoted(tree: Tree) -> list[str]:
+    """Numbers and words of KiCad in quotes."""
+    left, seen, wrong = [tree], set[int](), dict[str, None]()
+    while left:
+        inner = left.pop()
+        # rows of the table of layers begin with a number
+        places = _TEXTS.get("layers" if str(inner[0]).isdigit() else str(inner[0]), ())
+        for k, item in enumerate(inner):
+            if isinstance(item, Quoted) and (k == 0 or k not in places):
+                wrong[f"{quoted(str(item))} of {inner[0]}"] = None
+            # equal lists of the file are one object
+            if isinstance(item, tuple) and id(item) not in seen:
+                seen.add(id(item))
+                left.append(item)
+    return [f"KiCad takes no quotes around {named([*wrong])}"] if wrong else []
 
 
 # Comparing

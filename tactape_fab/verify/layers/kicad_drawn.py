@@ -35,6 +35,9 @@ _RULES = {
     "min_through_hole_diameter": "hole-size",
 }
 """Design rules of the project, and the fab's limit of each."""
+_OF_THIS_TOOL = {"min_silk_clearance": 0.0, "via diameter of its class": 0.6, "via drill of its class": 0.3}
+"""Design rules that are no fab's limit, mm: openings cut the ink already, and no tape has a via."""
+_OF_A_CLASS = ("clearance", "track_width", "via_diameter", "via_drill")
 _SEVERITIES: tuple[dict[str, str], ...] = ({}, {"track_dangling": "ignore"})
 _PLOTTED = {"F.Paste", "F.SilkS", "F.Mask", "Edge.Cuts"}
 _NOT_PLACED = ("exclude_from_pos_files", "exclude_from_bom")
@@ -106,17 +109,19 @@ def rules_problems(project: bytes, limits_mm: Mapping[str, Any], track_width_mm:
         content = parse_json(project)
         settings, (net_class,) = content["board"]["design_settings"], content["net_settings"]["classes"]
         rules, severities = dict(settings["rules"]), settings["rule_severities"]
+        # such as drc_exclusions, which hide what breaks a rule
+        more = [*(settings.keys() - {"rules", "rule_severities"}), *(rules.keys() - {*_RULES, "min_track_width", *_OF_THIS_TOOL})]
         # KiCad uses the larger one of the board's clearance and the net class's
-        rules |= {"clearance of its class": net_class["clearance"], "track width of its class": net_class["track_width"]}
+        rules |= {f"{key.replace('_', ' ')} of its class": net_class[key] for key in _OF_A_CLASS}
         # KiCad passes over a number in quotes, and takes its own
         found = {key: value for key, value in rules.items() if type(value) in (int, float)}
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         return ["its project holds no design rules"]
     wanted = {key: limits_mm[rule] for key, rule in {**_RULES, "clearance of its class": "pad-pad"}.items() if rule in limits_mm}
     if track_width_mm or "pad-pad" in limits_mm:
         wanted |= dict.fromkeys(("min_track_width", "track width of its class"), track_width_mm or limits_mm["pad-pad"])
-    wrong = [key for key, value in wanted.items() if found.get(key) != value]
-    wrong += [] if severities in _SEVERITIES else ["rule_severities"]
+    wrong = [key for key, value in {**wanted, **_OF_THIS_TOOL}.items() if found.get(key) != value]
+    wrong += [*([] if severities in _SEVERITIES else ["rule_severities"]), *sorted(map(quoted, more))]
     return [f"its project's {named(wrong)} are not the limits of the manifest's fab"] if wrong else []
 
 

@@ -269,7 +269,9 @@ def _check_solid_text(tape: Tape, form: SolidForm, data: bytes) -> Check:
         problems.append(f"{faces} faces, fewer than the {own} of {tape.part_count} elements and a base")
     if not problems:
         problems = [*_text_place_problems(tape, form, data), *shell_problems(data)]
-    message = "; ".join(problems) or f"one solid of {faces} faces, {own} of them elements', each in its place"
+    what = "upper corners" if tape.part.shape == "block" else "centres"
+    right = f"one solid of {faces} faces, {own} of them elements', whose {what} are in place; not compared in its text: all else"
+    message = "; ".join(problems) or right
     return Check(name="step-solid", passed=not problems, message=message, figure=float(faces))
 
 
@@ -293,5 +295,6 @@ def _check_assembly_text(tape: Tape, data: bytes, cpl: CplContent | None) -> Che
         error_mm = float(off.max())
         if error_mm > PLACE_TOLERANCE_MM:
             problems.append(f"{names[int(off.argmax())]} is {error_mm * 1000:.1f} um off its CPL row")
-    message = "; ".join(problems) or f"{len(names)} occurrences named and placed as in the CPL, within {error_mm * 1e6:.0f} nm"
+    right = f"{len(names)} occurrences named and placed as in the CPL, within {error_mm * 1e6:.0f} nm"
+    message = "; ".join(problems) or f"{right}; not compared in its text: shapes of board and part"
     return Check(name="step-assembly", passed=not problems, message=message, figure=error_mm * 1000, unit="um")

@@ -82,8 +82,10 @@ def project(changes: dict[str, float], **severities: str) -> bytes:
         "min_hole_to_hole": 0.5,
         "min_through_hole_diameter": 0.25,
         "min_track_width": 0.15,
+        "min_silk_clearance": 0.0,
     }
-    net_class = {"clearance": 0.1, "track_width": 0.15} | {k: v for k, v in changes.items() if k in ("clearance", "track_width")}
+    net_class = {"clearance": 0.1, "track_width": 0.15, "via_diameter": 0.6, "via_drill": 0.3}
+    net_class |= {k: v for k, v in changes.items() if k in net_class}
     rules |= {k: v for k, v in changes.items() if k not in net_class}
     settings = {"rules": rules, "rule_severities": severities}
     return json.dumps({"board": {"design_settings": settings}, "net_settings": {"classes": [net_class]}}).encode()
@@ -107,6 +109,10 @@ def project(changes: dict[str, float], **severities: str) -> bytes:
         ({"clearance": 0.05}, {}, 0.15, "clearance of its class"),
         ({"track_width": 0.1}, {}, 0.15, "track width of its class"),
         ({}, {}, 0.0, "min_track_width, track width of its class"),
+        ({"min_silk_clearance": 0.1}, {}, 0.15, "min_silk_clearance"),
+        ({"via_diameter": 0.5}, {}, 0.15, "via diameter of its class"),
+        ({"via_drill": 0.2}, {}, 0.15, "via drill of its class"),
+        ({"min_via_diameter": 0.1}, {}, 0.15, "'min_via_diameter'"),
     ],
 )
 def test_rules_of_a_project_are_the_fab_s_limits(
