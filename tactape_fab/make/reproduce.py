@@ -16,8 +16,9 @@ from typing import Any
 
 from tactape_fab.base.build_date import dated
 from tactape_fab.base.errors import Check, Problem, SpecError, TactapeError, reason_of, refuse
-from tactape_fab.base.fields import Fields, named, shown
+from tactape_fab.base.fields import Fields, named, shown, shown_path
 from tactape_fab.base.libraries import versions_in_kits
+from tactape_fab.base.templates import is_profile_file
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined, examine
@@ -130,7 +131,7 @@ def _examined(content: Mapping[str, Any], made: Mapping[str, Any]) -> Examined:
         raise SpecError("the manifest has no spec")
     values = {key: value for key, value in values.items() if value is not None}
     for key in PROFILE_KEYS:
-        if isinstance(values.get(key), str) and values[key].endswith(".toml"):
+        if is_profile_file(values.get(key)):
             raise NotReproducibleError(
                 f"its {key} profile, {shown(values[key])}, is the user's own, and not in it; make it again from that profile"
             )
@@ -251,8 +252,10 @@ def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> Ex
 
 def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tuple[list[str], int]:
     """Differing files, the manifest last with the first value that differs; and the number of compared files."""
+    if not folder.is_dir():
+        return [f"{shown_path(folder)} was removed while it was read"], 0
     root, problems = folder.resolve(), []
-    expected = _read_json(again)
+    expected: dict[str, Any] = json.loads((again / MANIFEST_NAME).read_bytes())
     paths = [str(row["path"]) for row in expected["files"]]
     for path in paths:
         try:
@@ -262,19 +265,18 @@ def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tup
             problems.append(f"{path} {reason_of(error)}")
         else:
             problems += [] if same else [f"{path} is not what this manifest makes"]
-    if read_inside(root, folder / MANIFEST_NAME, MOST_MANIFEST_BYTES) != (again / MANIFEST_NAME).read_bytes():
-        problems += _manifest_difference(_read_json(folder), expected, problems)
+    try:
+        written = read_inside(root, folder / MANIFEST_NAME, MOST_MANIFEST_BYTES)
+        if written != (again / MANIFEST_NAME).read_bytes():
+            problems += _manifest_difference(json.loads(written), expected, problems)
+    except (OSError, RuntimeError, ValueError) as error:
+        problems.append(f"{MANIFEST_NAME} {reason_of(error)}")
     others = {name: (libraries[name], own) for name, own in versions_in_kits().items() if libraries[name] != own}
     # other versions of numpy or zlib may write other bytes for the same content, so a difference proves nothing
     if problems and others:
         values = ", ".join(f"{name} {shown(theirs)}, here {own}" for name, (theirs, own) in others.items())
         raise NotReproducibleError(f"{named(problems)}; it was made with {values}: install these to tell whether that is why")
     return problems, len(paths) + 1
-
-
-def _read_json(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / MANIFEST_NAME).read_bytes())
-    return found
 
 
 def _manifest_difference(found: Mapping[str, Any], expected: Mapping[str, Any], problems: Sequence[str]) -> list[str]:

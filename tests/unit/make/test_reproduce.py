@@ -24,6 +24,7 @@ from click.testing import CliRunner
 from tactape_fab import Kit, PanelKit, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.cli.verify import _STAND_IN
+from tactape_fab.make.kit import fill_kit
 from tactape_fab.make.reproduce import reproduce_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, moved, points, stated
 from tests.thorough import costly, slow
@@ -296,6 +297,20 @@ def test_a_link_in_the_kit_is_not_followed(flat_kit: Kit, copied: Copy, tmp_path
     shutil.move(notes, outside)
     notes.symlink_to(outside)
     assert "leads out of the kit's folder" in said(folder)
+
+
+@pytest.mark.parametrize("gone", [".", "manifest.json"])
+def test_a_kit_that_is_removed_while_it_is_read_is_told(
+    gone: str, flat_kit: Kit, copied: Copy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(flat_kit)
+
+    def filled_and_removed(*args: Any, **named: Any) -> None:
+        fill_kit(*args, **named)
+        shutil.rmtree(folder) if gone == "." else (folder / gone).unlink()
+
+    monkeypatch.setattr("tactape_fab.make.reproduce.fill_kit", filled_and_removed)
+    assert said(folder) == (f"{folder} was removed while it was read" if gone == "." else "manifest.json is missing")
 
 
 def test_the_command_makes_again_and_nothing_else(flat_kit: Kit) -> None:
