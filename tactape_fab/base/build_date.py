@@ -42,10 +42,10 @@ def build_date() -> datetime:
     if text is None:
         return EPOCH
     try:
-        seconds = int(text)
-        if seconds < 0:
+        # int takes 1_0, too, white space, and digits of other scripts
+        if not (text.isascii() and text.isdigit()):
             raise ValueError
-        return datetime.fromtimestamp(seconds, tz=timezone.utc)
+        return datetime.fromtimestamp(int(text), tz=timezone.utc)
     except (ValueError, OverflowError, OSError):
         message = f"SOURCE_DATE_EPOCH = {text[:40]!r} is no whole number of seconds since 1970; correct it or unset it"
         raise SpecError(message) from None

@@ -644,7 +644,7 @@ def test_a_home_folder_given_by_mistake_survives(
     refuse(here, Case("make --sector 7 -o . --overwrite", USAGE, "-o = .", "no name for a kit", "give a folder"))
 
 
-@pytest.mark.parametrize("text", ["tomorrow", "-1", "1e9", "99999999999999999999", "", "nan"])
+@pytest.mark.parametrize("text", ["tomorrow", "-1", "1e9", "1_0", " 7", "\u0667", "99999999999999999999", "", "nan"])
 def test_a_build_date_that_is_no_number_of_seconds_is_refused(text: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", text)
     case = Case("make --sector 7 --size 20x20", USAGE, f"SOURCE_DATE_EPOCH = {text!r}", "since 1970", "correct it or unset it")
