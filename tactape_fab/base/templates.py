@@ -95,8 +95,13 @@ def _parts(text: str) -> int:
     return most
 
 
+def is_profile_file(name: object) -> bool:
+    """Whether the name of a profile is the path of a TOML file, which may end in capitals."""
+    return isinstance(name, str | Path) and str(name).lower().endswith(".toml")
+
+
 def profile_table(kind: str, key: str, name: str) -> Fields:
-    if name.endswith(".toml"):
+    if is_profile_file(name):
         path = Path(name)
     elif name in (known := profile_names(kind)):
         path = templates_folder() / kind / f"{name}.toml"

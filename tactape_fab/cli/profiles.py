@@ -57,6 +57,7 @@ def profiles(fab: str | None, coupon: str | None, as_json: bool, **judged: str |
 def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: bool) -> None:
     """Write the fab profile that results from a returned coupon."""
     from tactape_fab.base.output_file import refuse_taken_place, write_file
+    from tactape_fab.base.templates import is_profile_file
     from tactape_fab.kit.profiles import load_fab
     from tactape_fab.kit.profiles.confirm import confirm, read_trials
     from tactape_fab.kit.spec.sectors import read_sectors
@@ -66,7 +67,7 @@ def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: b
     problems = []
     if coupon is None:
         problems.append(Problem("coupon", "profiles confirm needs the coupon's folder; give profiles confirm COUPON"))
-    if output is None or not output.endswith(".toml"):
+    if output is None or not is_profile_file(output):
         problems.append(Problem("output", "profiles confirm writes a profile; give -o NAME.toml"))
     else:
         tried(lambda: refuse_taken_place(Path(output), "output"), problems)

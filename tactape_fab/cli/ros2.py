@@ -32,6 +32,8 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
     with answers():
         at = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
         more, for_ros = arguments[:at], arguments[at:]
+        from tactape_fab.base.templates import is_profile_file
+
         unknown = [text for text in more if text.startswith("-")]
         if unknown:
             message = f"{shown(unknown[0])} is no option of ros2; give parameters of the node as --ros-args -p NAME:=VALUE"
@@ -43,7 +45,7 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
             raise SpecError(Problem("ros-args", message))
         kits = [*kits, *more]  # a shell expands a pattern to --tape A B
         given: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
-        if sensor is not None and package is not None and sensor.endswith(".toml"):  # the node runs in another folder
+        if package is not None and sensor is not None and is_profile_file(sensor):  # the node runs in another folder
             given["sensor"] = str(Path(sensor).resolve())
         if kits:
             given["kits"] = [str(Path(kit).resolve()) if package is not None else kit for kit in kits]

@@ -16,7 +16,7 @@ from tactape_fab.base.errors import Problem, SpecError, reason_of, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.image_file import PNG_HEADER, png_size, unpacked
 from tactape_fab.base.input_file import read_regular
-from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
+from tactape_fab.base.templates import is_profile_file, profile_table, refuse_problems, templates_folder
 from tactape_fab.sense.geometry import MOST_BARREL, Camera, Gel, Geometry, camera
 from tactape_fab.texture.frames import FloatArray
 
@@ -167,7 +167,7 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
     """
     table = profile_table("sensors", key, str(name))
     # a mask's path is relative to the profile that names it
-    folder = Path(name).parent if str(name).endswith(".toml") else templates_folder() / "sensors"
+    folder = Path(name).parent if is_profile_file(name) else templates_folder() / "sensors"
     table.refuse_unknown(("name", "title", "image", "orientation", "depth", "noise", "geometry", "gel"))
     image = table.table("image", ("width_px", "height_px", "px_per_mm", "scale_tolerance", "mask"))
     orientation = table.table("orientation", ("sign", "mirror", "rotate90"))
@@ -272,7 +272,7 @@ def as_sensor(sensor: object) -> SensorProfile:
     if isinstance(sensor, SensorProfile):
         return _checked(sensor)
     if isinstance(sensor, str | Path):
-        return load_sensor(sensor) if str(sensor).endswith(".toml") else _own_sensor(str(sensor))
+        return load_sensor(sensor) if is_profile_file(sensor) else _own_sensor(str(sensor))
     message = f"sensor = {shown(sensor)} is no sensor; give the name of a profile, a .toml file, or a SensorProfile"
     raise SpecError(Problem("sensor", message))
 

@@ -7,11 +7,9 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem
 from tactape_fab.base.fields import shown
+from tactape_fab.base.templates import is_profile_file
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.tape import Tape
-
-_PROFILE_FILE = ".toml"
-"""Extension of a user's own profile, whose name may be any."""
 
 
 def of_tape(tape: Tape) -> dict[str, Any]:
@@ -57,8 +55,9 @@ def _elsewhere(content: Mapping[str, Any], tape: Tape, values: Mapping[str, Any]
         return found if isinstance(found, Mapping) else {}
 
     fab, solid, cylinder = table("fab"), table("solid"), table("solid").get("cylinder")
+    # a user's own profile may have any name
     profiles = {"fab": fab.get("name"), "part": tape.part.name, "process": table("process").get("name")}
-    yield from ((key, name) for key, name in profiles.items() if not str(values.get(key)).endswith(_PROFILE_FILE))
+    yield from ((key, name) for key, name in profiles.items() if not is_profile_file(values.get(key)))
     yield "directions", content.get("directions", USUAL_DIRECTIONS)
     yield from (("body_mm", list(tape.part.body_mm)), ("dome_top_mm", tape.part.top_mm))
     yield "tag", "none" if tape.tag is None else "strip"

@@ -11,6 +11,7 @@ from typing import Any
 from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.plain_text import toml_string
+from tactape_fab.base.templates import is_profile_file
 from tactape_fab.kit.profiles.fabs import FabProfile, load_fab
 
 CONFIRMABLE = ("opening-bridge", "opening-size", "opening-expansion", "pad-pad", "body-body", "courtyard")
@@ -94,7 +95,7 @@ def confirm(
     refuse(problems)
     origin = f"source = {toml_string(source)}\ndate = {toml_string(date)}\nconfirmed = true\n"
     # a path in a profile is relative to the profile's folder
-    extends = os.path.relpath(fab_name, place.parent) if fab_name.endswith(".toml") else fab_name
+    extends = os.path.relpath(fab_name, place.parent) if is_profile_file(fab_name) else fab_name
     tables = [
         f"name = {toml_string(place.stem)}\nextends = {toml_string(extends)}\ntitle = {toml_string(fab.title + ', confirmed')}\n"
     ]
@@ -116,7 +117,7 @@ def confirm(
 
 def _fab_of(name: str) -> FabProfile:
     """The fab profile of a coupon; a path is relative to the folder in which the coupon was made."""
-    if name.endswith(".toml") and not os.path.lexists(name):
+    if is_profile_file(name) and not os.path.lexists(name):
         message = (
             f"COUPON is of the fab profile {shown_path(Path(name))}, which is not there; run profiles confirm in the folder "
         )

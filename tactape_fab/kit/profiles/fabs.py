@@ -8,7 +8,7 @@ from typing import Any, Literal, cast
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, nearest, shown
-from tactape_fab.base.templates import profile_names, read_once, refuse_problems
+from tactape_fab.base.templates import is_profile_file, profile_names, read_once, refuse_problems
 from tactape_fab.kit.profiles.fab_tables import (
     AnchorRules,
     Backing,
@@ -283,7 +283,7 @@ def house_fab(house: str) -> str:
     """
     known = profile_names("fabs")
     own = [name for name in known if name.partition("-")[0] == house]
-    if house in known or house.endswith(".toml"):
+    if house in known or is_profile_file(house):
         return house
     if own:
         return f"{house}-fpc" if f"{house}-fpc" in own else own[0]

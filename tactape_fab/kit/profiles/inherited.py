@@ -9,7 +9,7 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.templates import profile_names, profile_table, read_toml, templates_folder
+from tactape_fab.base.templates import is_profile_file, profile_names, profile_table, read_toml, templates_folder
 
 MOST_ANCESTORS = 8
 """Most profiles in a chain of ``extends``."""
@@ -27,7 +27,7 @@ def fab_table(name: str) -> Fields:
     Raises SpecError: a file that cannot be read, an unknown profile, a cycle, or more than `MOST_ANCESTORS` of them.
     """
     table = profile_table("fabs", "fab", name)
-    path = Path(name) if name.endswith(".toml") else _built_in(name)
+    path = Path(name) if is_profile_file(name) else _built_in(name)
     if "extends" not in table.values:
         return table
     # resolved, as a cycle may pass through links
@@ -57,7 +57,7 @@ def _parent(child: Path, name: object, where: str) -> Path:
     known = profile_names("fabs")
     if isinstance(name, str) and name in known:
         return _built_in(name)
-    if isinstance(name, str) and name.endswith(".toml"):
+    if isinstance(name, str) and is_profile_file(name):
         return child.parent / name
     near = difflib.get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f"did you mean '{near[0]}'?" if near else "give one of them"

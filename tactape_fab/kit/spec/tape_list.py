@@ -9,6 +9,7 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.base.templates import is_profile_file
 from tactape_fab.kit.spec.sectors import MOST_TAPES, read_sectors_of
 from tactape_fab.kit.spec.tape_spec import PROFILE_KEYS, read_spec_file
 from tactape_fab.texture.code import DEFAULT_CODE
@@ -47,7 +48,7 @@ def read_list_file(path: Path) -> dict[str, Any]:
     for tape in tapes if isinstance(tapes, list) else ():
         for key in PROFILE_KEYS:
             name = tape.get(key) if isinstance(tape, dict) else None
-            if isinstance(name, str) and name.endswith(".toml"):
+            if isinstance(name, str) and is_profile_file(name):
                 tape[key] = str(path.parent / name)
     return values
 

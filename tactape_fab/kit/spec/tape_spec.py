@@ -10,7 +10,7 @@ from typing import Any, Literal, cast
 from tactape_fab.base.errors import Problem, refusal
 from tactape_fab.base.fields import unknown_key
 from tactape_fab.base.given_value import refuse_other
-from tactape_fab.base.templates import read_toml
+from tactape_fab.base.templates import is_profile_file, read_toml
 from tactape_fab.kit.spec.board_options import DEFAULT_TAG_CELL_MM
 from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_PART, DEFAULT_ROTATION_DEG, read_options
@@ -260,6 +260,6 @@ def read_spec_file(path: Path) -> dict[str, Any]:
     values = read_toml(path, "SPEC.toml")
     for key in PROFILE_KEYS:
         name = values.get(key)
-        if isinstance(name, str) and name.endswith(".toml"):
+        if isinstance(name, str) and is_profile_file(name):
             values[key] = str(path.parent / name)
     return values

@@ -17,6 +17,7 @@ from tactape_fab.base.input_file import begins_with, mode_of
 from tactape_fab.base.libraries import library
 from tactape_fab.base.output_file import refuse_taken_place, unfinished
 from tactape_fab.base.plain_text import toml_string
+from tactape_fab.base.templates import is_profile_file
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.frames import BoolArray
@@ -31,7 +32,7 @@ def checked_output(output: str | Path) -> Path:
     Raises SpecError if it is no .toml, its folder is missing, or a file is there that is no calibrated profile.
     """
     path = Path(output)
-    if path.suffix != ".toml":
+    if not is_profile_file(path):
         raise SpecError(Problem("output", f"output = {shown_path(path)} is no .toml file; name it my-sensor.toml"))
     refuse_taken_place(path, "output", ours=partial(begins_with, mark=MARK), kind="no calibrated profile")
     if mode_of(path) is None:  # what stands beside a calibrated profile belongs to it

@@ -79,6 +79,12 @@ def test_a_users_own_profile_by_path(write: Write) -> None:
     assert with_unit.depth_unit_mm == 0.0634
 
 
+def test_a_profile_s_file_may_end_in_capitals(write: Write) -> None:
+    path = write()
+    capitals = path.rename(path.with_suffix(".TOML"))
+    assert load_sensor(str(capitals)).name == load_sensor(capitals).name == "generic"
+
+
 def test_canonical_is_sign_then_mirror_then_quarter_turns_counter_clockwise(write: Write) -> None:
     path = write(("rotate90 = 0", "rotate90 = 1"), ("mirror = false", "mirror = true"), ("sign = 1", "sign = -1"))
     frame = np.array([[1, 2, 3], [4, 5, 6]], dtype=np.float32)
