@@ -38,6 +38,9 @@ DEFAULT_GRID = (62, 32)
 """Columns and rows of the default tape, 100 x 50 mm."""
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 NAME_REMEDY = "use 1 to 64 letters, digits, '.', '_', '-', a letter or digit first"
+NEW_NAME_PATTERN = rf"(?!(?i:con|prn|aux|nul|com\d|lpt\d)(?:\.|$)){NAME_PATTERN}(?<!\.)"
+NEW_NAME_REMEDY = f"{NAME_REMEDY}, no '.' last, and none that Windows keeps for a device, as con.1 or com1"
+"""Names of folders that can be unpacked everywhere; read are those of kits that are there already as well."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

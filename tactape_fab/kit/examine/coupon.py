@@ -22,7 +22,7 @@ from tactape_fab.kit.rules.remedies import film_pitch_mm
 from tactape_fab.kit.spec.options import DEFAULT_ROTATION_DEG
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import DEFAULT_CODE, get_code
-from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY
+from tactape_fab.texture.tape import NEW_NAME_PATTERN, NEW_NAME_REMEDY
 
 TAPE_MM = (24.0, 24.0)
 """Outline of a tape: nine fit on a panel of 98 x 98 mm, and each has room for a contact of 11 x 9 mm and its printed sector."""
@@ -65,7 +65,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         )
         raise SpecError(Problem("fab", f"{message}{_size(TAPE_MM)}; order a tape without a coupon"))
     table = Fields({"name": _usual_name(fab) if name is None else name})
-    name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
+    name = table.text("name", pattern=NEW_NAME_PATTERN, remedy=NEW_NAME_REMEDY)
     refuse(table.problems)
     tapes = tuple(_examined(fab_name, sector, trial) for sector, trial in enumerate(wanted, start=first_sector))
     # the first sheet is the fullest; tapes that do not fit on it are left out, which a remark says

@@ -8,7 +8,7 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, tried
 from tactape_fab.base.fields import Fields, nearest, shown
-from tactape_fab.base.templates import profile_names
+from tactape_fab.base.templates import is_profile_file, profile_names
 from tactape_fab.kit.profiles import X2_MODES, ElementProfile, read_part
 from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
 from tactape_fab.kit.spec.board_options import DEFAULT_TAG_CELL_MM, read_board_options
@@ -18,7 +18,7 @@ from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS, read_solid_optio
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tag import LEAST_CELL_MM
-from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY
+from tactape_fab.texture.tape import NEW_NAME_PATTERN, NEW_NAME_REMEDY
 
 TAG_MODES = ("strip", "none")
 DEFAULT_FAB = "generic-fpc"
@@ -53,7 +53,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
         values[key] = table.text(key, choices=choices) or None if key in table.values else None
     values["part_number"] = _text(table, "part_number", PART_NUMBER_PATTERN, PART_NUMBER_REMEDY, None)
     usual = f"tactape-s{values['sector']:03d}"
-    values["name"] = _text(table, "name", NAME_PATTERN, NAME_REMEDY, usual)
+    values["name"] = _text(table, "name", NEW_NAME_PATTERN, NEW_NAME_REMEDY, usual)
     return values, table.problems
 
 
@@ -87,7 +87,7 @@ def _suggestion(name: str, known: Sequence[str]) -> str:
 def _profile_name(table: Fields, key: str, kind: str, usual: str | None) -> str | None:
     """A profile's name or path; a fab or process profile that cannot be read is reported when it is loaded."""
     name = table.text(key, longest=4096)
-    if name and not name.endswith(".toml") and name not in (known := profile_names(kind)):
+    if name and not is_profile_file(name) and name not in (known := profile_names(kind)):
         table.problem(
             key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file{_suggestion(name, known)}"
         )

@@ -145,6 +145,11 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"name": "a/b"}, "name", "name = 'a/b' has a form that cannot be used; use 1 to 64 letters"),
     ({"name": ".hidden"}, "name", "digits, '.', '_', '-', a letter or digit first"),
     ({"name": "x" * 65}, "name", "has a form that cannot be used"),
+    *(
+        ({"name": name}, "name", "none that Windows keeps for a device")
+        for name in ("con", "NUL", "Com1", "lpt9.tape", "aux.x.y")
+    ),
+    ({"name": "tape."}, "name", "no '.' last"),
     ({"size_mm": "100x50"}, "size_mm", "such as 100x50, or [100, 50] in TOML and Python"),
     ({"part": "block", "body_mm": "0.8x0.4"}, "body_mm", "or [LENGTH, WIDTH, HEIGHT] in TOML and Python"),
     ({"part": "dome", "body_mm": "0.8x0.4"}, "body_mm", "or [DIAMETER, HEIGHT] in TOML and Python"),
@@ -161,6 +166,11 @@ def test_a_bad_value_is_refused_in_words(values: dict[str, Any], key: str, messa
     error = refusal({"sector": 7, **values})
     assert [p.key for p in error.problems] == [key]
     assert message in error.problems[0].message
+
+
+@pytest.mark.parametrize("name", ["console", "com10", "nul-1", "tape.con"])
+def test_names_like_those_of_devices_are_taken(name: str) -> None:
+    assert TapeSpec.from_mapping({"sector": 7, "name": name}).name == name
 
 
 def test_a_missing_sector_says_how_to_give_it() -> None:
