@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,8 @@ from tactape_fab.texture.plane import MOST_POINTS
 
 DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT = 1.5, 6.0
 """Default pitch W, and default ratio W / Delta."""
+LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
+LEAST_DISPLACEMENT_MM = 0.02
 DEFAULT_GRID = (62, 32)
 """Columns and rows of the default tape, 100 x 50 mm."""
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
@@ -279,6 +282,24 @@ def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:
         (f.name, getattr(record, f.name)) for f in fields(record) if f.name != "top_mm" or getattr(record, f.name) is not None
     )
     return {name: list(v) if isinstance(v, tuple) else v for name, v in values}
+
+
+def read_pitch(table: Fields, key: str) -> float:
+    """W of a tape that is to be made or found without its manifest, mm; the default if it is refused."""
+    remedy = f"--w is the grid pitch in millimetres, {LEAST_PITCH_MM} to {MOST_PITCH_MM:g}, usually {DEFAULT_PITCH_MM}"
+    return table.number(key, low=LEAST_PITCH_MM, high=MOST_PITCH_MM, remedy=remedy, default=DEFAULT_PITCH_MM)
+
+
+def read_displacement(table: Fields, key: str, pitch_mm: float, *, pitch_refused: bool) -> float:
+    """Delta of such a tape of pitch `pitch_mm`, mm; the default if it is not given, or it or the pitch is refused."""
+    usual = pitch_mm / PITCH_PER_DISPLACEMENT
+    if key not in table.values:
+        return usual
+    remedy = f"--delta is the displacement in millimetres, {LEAST_DISPLACEMENT_MM} to less than half the pitch {pitch_mm:g}"
+    below = inf if pitch_refused else pitch_mm / 2
+    remedy += f", usually {usual:.3g}"
+    found = table.number(key, low=LEAST_DISPLACEMENT_MM, below=below, remedy=remedy, default=usual)
+    return usual if pitch_refused else found
 
 
 def _read_tape(table: Fields) -> Tape:

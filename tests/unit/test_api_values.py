@@ -137,7 +137,7 @@ def test_all_that_is_wrong_is_said_together() -> None:
 
 def test_a_code_s_grid_must_be_numbers() -> None:
     wrong: Any = "1.5"
-    with pytest.raises(SpecError, match=r"w = '1\.5' mm is not above 0 and at most 100 mm"):
+    with pytest.raises(SpecError, match=r"w = '1\.5' is not a number in mm; --w is the grid pitch"):
         Localizer.from_code("microdots-4x4", wrong, 0.25)
 
 

@@ -16,13 +16,13 @@ from tactape_fab.kit.film.coverlay import least_pitch_mm, whole_um_up
 from tactape_fab.kit.outlines import opening_size_mm, part_outlines
 from tactape_fab.kit.plan import TOLERANCE_MM, film_size_mm, texture_size_mm
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, read_part
-from tactape_fab.kit.spec.grid_options import LEAST_DISPLACEMENT_MM, MOST_PITCH_MM
 from tactape_fab.kit.spec.scatter import least_displacement_mm
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.part import TapePart
+from tactape_fab.texture.tape import LEAST_DISPLACEMENT_MM, MOST_PITCH_MM
 
 LEAST_SHARE = 0.14
 """Least Δ, as a fraction of W, of a remedy that reduces the displacement; also the least that `advise` proposes."""

@@ -14,12 +14,10 @@ from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, Code, default_origin, get_code, read_directions
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.frames import snap_mm
-from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT
+from tactape_fab.texture.tape import read_displacement, read_pitch
 
 BEST: Literal["best"] = "best"
 """Value of ``origin`` that asks for a search."""
-LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
-LEAST_DISPLACEMENT_MM = 0.02
 DEFAULT_SIZE_MM = (100.0, 50.0)
 
 
@@ -35,12 +33,14 @@ def read_grid_options(table: Fields) -> dict[str, Any]:
     other = f"'{most.name}' has {most.sectors}" if code.sectors < most.sectors else "take one of them"
     remedy = f"code '{code.name}' has {code.sectors} sectors; {other}"
     sector = table.integer("sector", low=0, high=code.sectors - 1, remedy=remedy)
-    pitch_mm = _pitch(table)
+    # snapped to 1 nm as in the files, so that the decoder uses exactly the tape that was made
+    pitch_mm = float(snap_mm(read_pitch(table, "pitch_mm")))
+    displacement_mm = read_displacement(table, "displacement_mm", pitch_mm, pitch_refused=table.refused("pitch_mm"))
     return {
         "code": code.name,
         "sector": sector,
         "pitch_mm": pitch_mm,
-        "displacement_mm": _displacement(table, pitch_mm),
+        "displacement_mm": float(snap_mm(displacement_mm)),
         "size_mm": _size(table, pitch_mm, code, sector),
         "origin": _origin(table, code, sector),
     }
@@ -55,29 +55,6 @@ def read_direction_option(table: Fields, part: Part | None, displacement_mm: flo
         if message is not None:
             table.problem("directions", message)
     return directions
-
-
-def _pitch(table: Fields) -> float:
-    remedy = f"--w is the grid pitch in millimetres, {LEAST_PITCH_MM} to {MOST_PITCH_MM:g}, usually {DEFAULT_PITCH_MM}"
-    return float(
-        snap_mm(table.number("pitch_mm", low=LEAST_PITCH_MM, high=MOST_PITCH_MM, remedy=remedy, default=DEFAULT_PITCH_MM))
-    )
-
-
-def _displacement(table: Fields, pitch_mm: float) -> float:
-    usual = pitch_mm / PITCH_PER_DISPLACEMENT
-    if "displacement_mm" not in table.values:
-        # snapped to 1 nm as in the files, so that the decoder uses exactly the tape that was made
-        return float(snap_mm(usual))
-    remedy = f"--delta is the displacement in millimetres, {LEAST_DISPLACEMENT_MM} to less than half the pitch {pitch_mm:g}"
-    displacement_mm = table.number(
-        "displacement_mm",
-        low=LEAST_DISPLACEMENT_MM,
-        below=inf if table.refused("pitch_mm") else pitch_mm / 2,
-        remedy=f"{remedy}, usually {usual:.3g}",
-        default=usual,
-    )
-    return float(snap_mm(usual if table.refused("pitch_mm") else displacement_mm))
 
 
 def _size(table: Fields, pitch_mm: float, code: Code, sector: int) -> tuple[float, float]:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse, tried
-from tactape_fab.base.fields import shown
+from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.templates import DEFAULT_SENSOR
@@ -48,15 +48,11 @@ from tactape_fab.texture.frames import DIRECTIONS_XY
 from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import Plane, PlaneCode, encode
 from tactape_fab.texture.registry import TapeLike, as_tapes
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, read_displacement, read_pitch
 from tactape_fab.texture.trace import TraceCode
 
 _MOST_NAMED = 8
 """Largest number of tapes that a message names: a registry may have thousands."""
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _stamped(found: Localization, start: float, timestamp: float | None) -> Localization:
@@ -196,17 +192,10 @@ class Localizer:
         SpecError
             If the code is unknown, its plane too large to search, or a value is out of range.
         """
-        problems = [
-            Problem(key, f"{key} = {shown(value)} mm is not above 0 and at most {most:g} mm; give it in millimetres")
-            for key, value, most in (
-                ("w", pitch_mm, 100.0),
-                ("delta", displacement_mm, pitch_mm / 2 if _is_number(pitch_mm) and 0.0 < pitch_mm <= 100.0 else 50.0),
-            )
-            if not (_is_number(value) and 0.0 < value <= most)
-        ]
+        table = Fields({"w": pitch_mm, "delta": displacement_mm})
+        read_displacement(table, "delta", read_pitch(table, "w"), pitch_refused=table.refused("w"))
         settings = {"max_p_false": max_p_false, "kappa": kappa, "fixed_scale": fixed_scale}
-        problems += setting_problems(given_settings(settings), code=code)
-        refuse(problems)
+        refuse([*table.problems, *setting_problems(given_settings(settings), code=code)])
         self = cls.__new__(cls)
         self._method = "ml"
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)

@@ -21,7 +21,7 @@ from tactape_fab.sense.sensors import MOST_SIGMA, SensorProfile, load_sensor
 from tactape_fab.texture.code import CODE_NAMES, get_plane, has_plane
 from tactape_fab.texture.packed import is_packed
 from tactape_fab.texture.registry import read_tapes
-from tactape_fab.texture.tape import DEFAULT_PITCH_MM, PITCH_PER_DISPLACEMENT, Tape
+from tactape_fab.texture.tape import DEFAULT_PITCH_MM, Tape, read_displacement, read_pitch
 
 if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
@@ -209,10 +209,8 @@ def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> 
         tried(lambda: get_plane(bare["code"]), problems)
         return None
     name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
-    pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)
-    displacement_mm = (
-        table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / PITCH_PER_DISPLACEMENT
-    )
+    pitch_mm = read_pitch(table, "w")
+    displacement_mm = read_displacement(table, "delta", pitch_mm, pitch_refused=table.refused("w"))
     return BareCode(name=name, pitch_mm=pitch_mm, displacement_mm=displacement_mm)
 
 

@@ -316,6 +316,12 @@ def test_without_a_tape_the_code_tells_sector_and_place(default_kit: Kit, tmp_pa
         ("--code anoto-6x6", "anoto-6x6"),
         ("--code microdots-4x4 --w 0", "w = 0"),
         ("--code microdots-4x4 --w 1.5 --delta 0.8", "delta = 0.8"),
+        (
+            "--code microdots-4x4 --w 0.0015 --delta 0.00025",
+            "--w = 0.0015 mm is below 0.2 mm; --w is the grid pitch in millimetres",
+        ),
+        ("--code microdots-4x4 --w 30 --delta 5", "--w = 30 mm exceeds 20 mm"),
+        ("--code microdots-4x4 --delta 0.001", "--delta = 0.001 mm is below 0.02 mm"),
         ("--code microdots-4x4 --world closed", "--world"),
         ("--code microdots-4x4 --max-p-tape 0.01", "--max-p-tape"),
         ("--code microdots-4x4 --method paper", "--code = 'microdots-4x4': method 'paper' needs tapes"),
