@@ -14,6 +14,8 @@ LEAST_MM = 0.001
 dividing by them overflows.
 """
 MOST_HOLES = 10_000
+LEAST_BEND_THICKNESSES = 10.0
+"""Least radius that a film is bent to, in thicknesses of it, as fab profiles have it: `[bend]` of generic-fpc says whence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -103,6 +103,15 @@ OF_A_KIT = {
     ],
     "ros2 --tape nope --sensor x --package No": ["No is no name of a ROS package", "nope is no kit", "--sensor = 'x'"],
     "ros2 --tape nope --package pp": ["nope is no kit"],
+    "simulate {kit} -o a.npz --cylinder 0.5": [
+        "--cylinder = 0.5 mm is below 1.1 mm, 10 times the 0.11 mm of its film, which bears no more; use --cylinder 1.1",
+    ],
+    "simulate {kit} -o a.npz --count 1e3": [
+        "--count = 1000.0 is not a whole number, as it is written with a point or an exponent; give 1000",
+    ],
+    "decode a.npz {kit}": ["no tape is given; name the kits", "a.npz cannot be", " is a kit, no file of frames; use --tape "],
+    "survey f.npz --tape {kit} -o a.json --from no.json": ["--from = no.json cannot be read: No such file", "f.npz cannot be"],
+    "inspect nope.png --tape {kit} -o a.json --tolerance 50": ["--tolerance = 50 mm is not from 0.001 to 10 mm"],
     "inspect nope.png --tape {kit} -o a.json": ["SCAN = nope.png cannot be read: No such file or directory; give a scan"],
     "check --sector 7 --size 0x0": ["--size = '0x0': 0 mm is not above 0 mm"],
     "check --sector 7 --origin 4000,4000": ["--origin = '4000,4000': 4000 is outside 0 to 3374"],

@@ -12,6 +12,7 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.kit.profiles.inherited import MOST_ANCESTORS, fab_table
+from tactape_fab.texture.board import LEAST_BEND_THICKNESSES
 
 
 def written(folder: Path, name: str, text: str) -> str:
@@ -58,7 +59,8 @@ def test_the_name_is_not_inherited(tmp_path: Path) -> None:
 
 
 def test_a_flexible_profile_is_made_rigid_without_its_bend(tmp_path: Path) -> None:
-    assert load_fab("generic-fr4").bend is None and load_fab("generic-fpc").bend is not None
+    film = load_fab("generic-fpc").bend
+    assert load_fab("generic-fr4").bend is None and film is not None and film.least_thicknesses == LEAST_BEND_THICKNESSES
     assert load_fab(written(tmp_path, "rigid", 'extends = "generic-fpc"\nbend = "none"\n')).bend is None
     with pytest.raises(SpecError, match="fab wrong: bend = 'no' is not a table"):
         load_fab(written(tmp_path, "wrong", 'extends = "generic-fpc"\nbend = "no"\n'))
