@@ -190,6 +190,8 @@ class Fields:
             return default
         value, then = self.values[key], f"; {remedy or f'give one from {low} to {high}'}"
         if isinstance(value, bool) or not isinstance(value, Integral):
+            if isinstance(value, float) and value.is_integer() and low <= value <= high:  # as of 1e3
+                then = f", as it is written with a point or an exponent; give {int(value)}"
             self.problem(key, f"{key} = {shown(value)} is not a whole number{then}")
             return default
         whole = int(value)

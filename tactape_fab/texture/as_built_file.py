@@ -66,19 +66,20 @@ def as_text(content: Mapping[str, Any]) -> str:
 def content_of(path: Path) -> Mapping[str, Any]:
     """The file's JSON object, its values unchecked. Raises SpecError if it cannot be read, is too large, or is not an object."""
     file = file_of(path)
+    what = f"as_built = {shown_path(file)}"
     try:
         data = read_regular(file, MOST_BYTES)
         if len(data) > MOST_BYTES:
-            message = f"{shown_path(file)} has more than {MOST_BYTES} bytes; it is no as-built file of this tool"
+            message = f"{what} has more than {MOST_BYTES} bytes; it is no as-built file of this tool"
             raise SpecError(Problem("as-built", message))
         content = parse_json(data, most_values=_MOST_VALUES)
     except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        message = f"{shown_path(file)} cannot be read: {reason_of(error)}; give a file that inspect or survey wrote"
+        message = f"{what} cannot be read: {reason_of(error)}; give a file that inspect or survey wrote"
         raise SpecError(Problem("as-built", message)) from error
     if not isinstance(content, dict):
-        raise SpecError(Problem("as-built", f"{shown_path(file)} holds no table; give a file that inspect or survey wrote"))
+        raise SpecError(Problem("as-built", f"{what} holds no table; give a file that inspect or survey wrote"))
     return content
 
 

@@ -23,6 +23,7 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.raw.image_files import PICTURES, read_picture, read_picture_header
 from tactape_fab.sense.sensors import MOST_FRAMES, MOST_PX, SensorProfile
+from tactape_fab.texture.manifest import MANIFEST_NAME
 
 SUFFIXES = (".npz", ".npy", *PICTURES)
 ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
@@ -124,11 +125,20 @@ def other_shape(path: Path, shape: tuple[int, int], sensor: SensorProfile) -> Pr
     return Problem("frames", f"{message} {height} x {width}; give another sensor")
 
 
+def _is_kit(path: Path) -> bool:
+    try:
+        return path.name == MANIFEST_NAME or (path / MANIFEST_NAME).is_file()
+    except (OSError, ValueError):  # a path that is invalid on every system
+        return False
+
+
 def open_frame_file(path: str | Path) -> FrameFile:
     """One file of frames, its header checked; see `open_frames`. Raises SpecError."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
+        if _is_kit(path):
+            raise SpecError(Problem("frames", f"{shown_path(path)} is a kit, no file of frames; use --tape {shown_path(path)}"))
         raise SpecError(Problem("frames", f"{shown_path(path)} is no file of frames; {_REMEDY}"))
     with _refused(path):
         if suffix in PICTURES:

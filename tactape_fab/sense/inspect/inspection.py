@@ -156,7 +156,8 @@ def _problems(paths: Sequence[str | Path], dpi: float | None, tolerance_mm: floa
         if value is None and key == "dpi":
             continue
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            message = f"{key} = {shown(value)} is not from {low:g} to {high:g} {unit}; give a number of {unit}"
+            said = shown(value) if isinstance(value, str) else f"{shown(value)} {unit}"
+            message = f"{key} = {said} is not from {low:g} to {high:g} {unit}; give a number of {unit}"
             problems.append(Problem(key, message))
     return problems
 

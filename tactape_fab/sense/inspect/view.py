@@ -239,18 +239,32 @@ def _neighbours(view: View, wanted: Sequence[WantedTape], known: dict[int, View]
     return seeds
 
 
+def _listed(values: Sequence[str]) -> str:
+    """The first four values, each once."""
+    different = [*dict.fromkeys(values)]
+    return ", ".join(different[:4]) + (", ..." if len(different) > 4 else "")
+
+
 def _nothing_found(
     picture: Picture, tags: Sequence[SeenTag], wanted: Sequence[WantedTape], px_per_mm: float | None, agreeing: float | None
 ) -> SpecError:
     """Why a scan shows none of the tapes: mirrored, another tape, too few parts, or no scale to read its code at."""
-    names = ", ".join(w.tape.name for w in wanted[:4]) + (", ..." if len(wanted) > 4 else "")
+    names, sectors, ids = (
+        _listed(values)
+        for values in (
+            [w.tape.name for w in wanted],
+            [str(w.tape.sector) for w in wanted],
+            [str(w.tape.tag.id) for w in wanted if w.tape.tag is not None],
+        )
+    )
+    has, of = ("has tag", "is of sector") if len(wanted) == 1 else ("have tag", "are of sector")
+    has, of = has + "s" * ("," in ids), of + "s" * ("," in sectors)
     flipped = np.ascontiguousarray(picture[:, ::-1])
     if not tags and find_tags(flipped):
         return SpecError("it is mirrored: its tag can be read in a mirror alone; scan the side with the parts, without mirroring")
     if tags and not any(w.tape.tag is not None and t.number == w.tape.tag.id for w in wanted for t in tags):
         seen = ", ".join(str(n) for n in sorted({t.number for t in tags}))
-        ids = ", ".join(str(w.tape.tag.id) for w in wanted if w.tape.tag is not None) or "none"
-        return SpecError(f"it shows a tape with tag {seen}, and {names} has tag {ids}: another tape; give its kit")
+        return SpecError(f"it shows a tape with tag {seen}, and {names} {has} {ids or 'none'}: another tape; give its kit")
     if px_per_mm is None:
         return SpecError(
             "no tag of the family tag36h11 is in it, and it does not say its dpi; give dpi=N, to read its parts as a code"
@@ -258,10 +272,7 @@ def _nothing_found(
     blobs = find_blobs(picture, px_per_mm, wanted[0].tape.part.body_mm[0])
     other = read_code(blobs, px_per_mm, [wanted[0].tape], plane=True)
     if other is not None and other.sector is not None and other.sector not in {w.tape.sector for w in wanted}:
-        have = ", ".join(str(w.tape.sector) for w in wanted[:4])
-        return SpecError(
-            f"its parts are those of sector {other.sector}, and {names} is of sector {have}: another tape; give its kit"
-        )
+        return SpecError(f"its parts are those of sector {other.sector}, and {names} {of} {sectors}: another tape; give its kit")
     mirrored = replace(blobs, px=blobs.px * (-1.0, 1.0) + (picture.shape[1] - 1.0, 0.0))
     if _code_seeds(mirrored, px_per_mm, wanted):
         return SpecError("it is mirrored: its parts fit in a mirror alone; scan the side with the parts, without mirroring")

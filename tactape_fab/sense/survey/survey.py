@@ -114,9 +114,14 @@ def survey_files(
     chosen = checked_workers(workers, problems, usual=1)
     if output is not None:
         tried(partial(refuse_other_places, file_of(Path(output)), "output"), problems)
-    given: Given = NOMINAL if inspected is None else inspected
+    given: Given = NOMINAL
     if not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
+    if inspected is not None:
+        of_file: list[Problem] = []
+        given = tried(lambda: AsBuilt.load(inspected), of_file) or NOMINAL
+        # named as the option that gave the file
+        problems += [replace(p, message=p.message.replace("as_built = ", "inspected = ", 1)) for p in of_file]
     tape = tried(lambda: Tape.load(kit, as_built=given), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
     if hand_eye is not None and poses is None:

@@ -82,7 +82,8 @@ def test_each_item_of_a_pair_is_named() -> None:
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (2.0, "a = 2.0 is not a whole number"),
+        (2.0, "a = 2.0 is not a whole number, as it is written with a point or an exponent"),
+        (2.5, "a = 2.5 is not a whole number"),
         (True, "a = True is not a whole number"),
         ("2", "a = '2' is not a whole number"),
         (-1, "a = -1 is outside 0 to 9"),

@@ -60,7 +60,7 @@ def test_a_file_elsewhere_is_taken_in_place_of_the_kits_own(kit: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        ("decode frames.npz --tape kit --as-built nothing.json", "nothing.json cannot be read"),
+        ("decode frames.npz --tape kit --as-built nothing.json", "error: --as-built = nothing.json cannot be read"),
         ("decode frames.npz --tape kit --as-built empty.json", "error: empty.json: parts.present is missing"),
         ("decode frames.npz --tape kit --as-built .", "as-built.json cannot be read: No such file"),
         ("decode frames.npz --tape kit --as-built none --as-built kit", "give either none or the files"),

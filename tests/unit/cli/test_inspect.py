@@ -77,7 +77,12 @@ def test_a_narrow_tolerance_makes_the_same_tape_fail(flat_kit: Kit, scans: dict[
         (["GOOD", "--tape", "KIT", "-o", "a.json", "--tolerance", "wide"], ["tolerance = 'wide' is not from"]),
         (
             ["GOOD", "--tape", "none", "-o", "a.txt", "--dpi", "0", "--turn-tolerance", "0"],
-            ["none is no kit", "a.txt is no file of places", "--dpi = 0 is not from", "error: --turn-tolerance = 0 is not from"],
+            [
+                "none is no kit",
+                "a.txt is no file of places",
+                "--dpi = 0 dpi is not from",
+                "error: --turn-tolerance = 0 deg is not from",
+            ],
         ),
     ],
 )

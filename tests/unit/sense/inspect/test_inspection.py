@@ -417,9 +417,9 @@ def test_a_panel_of_which_a_tape_is_not_scanned_is_refused(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"dpi": 0.0}, "dpi = 0.0 is not from 50 to 20000 dpi"),
-        ({"tolerance_mm": -1.0}, "tolerance_mm = -1.0 is not from 0.001 to 10 mm"),
-        ({"turn_tolerance_deg": float("nan")}, "turn_tolerance_deg = nan is not"),
+        ({"dpi": 0.0}, "dpi = 0.0 dpi is not from 50 to 20000 dpi"),
+        ({"tolerance_mm": -1.0}, "tolerance_mm = -1.0 mm is not from 0.001 to 10 mm"),
+        ({"turn_tolerance_deg": float("nan")}, "turn_tolerance_deg = nan deg is not"),
     ],
 )
 def test_impossible_options_are_refused(scanned: Scanned, options: dict[str, Any], said: str) -> None:

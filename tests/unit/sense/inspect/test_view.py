@@ -188,7 +188,7 @@ SHUFFLED = SHUFFLED + 0.25 * np.array([(0, 1), (0, -1), (-1, 0), (1, 0)])[np.ran
 @pytest.mark.parametrize(
     ("blobs", "tags", "says"),
     [
-        (spots(OTHER.part_xy_mm()), (), "its parts are those of sector 9, and tape-7, coarse is of sector 7, 7: another tape"),
+        (spots(OTHER.part_xy_mm()), (), "its parts are those of sector 9, and tape-7, coarse are of sector 7: another tape"),
         (spots(SITES * (-1.0, 1.0) + (36.0, 0.0)), (), "it is mirrored: its parts fit in a mirror alone"),
         (spots(SHUFFLED), (seen(wanted_of(TAPE)[0], (40.0, 680.0), PX),), "its tag is that of tape-7, coarse, but only "),
         (spots(SITES[:9]), (), "no tag of the family tag36h11 is in it, and its 9 spots are no parts of tape-7, coarse"),
@@ -200,7 +200,7 @@ SHUFFLED = SHUFFLED + 0.25 * np.array([(0, 1), (0, -1), (-1, 0), (1, 0)])[np.ran
         (
             spots(SITES[:9]),
             (seen(wanted_of(OTHER)[0], (40.0, 680.0), PX),),
-            "it shows a tape with tag 9, and tape-7, coarse has tag 7: another",
+            "it shows a tape with tag 9, and tape-7, coarse have tag 7: another",
         ),
     ],
 )
