@@ -24,8 +24,8 @@ SENSOR_HELP = f"Sensor profile, or a .toml file.  [default: {DEFAULT_SENSOR}]"
 
 
 def number(text: str) -> Any:
-    # Python's int and float accept 1_000, which is a typing error here
-    if "_" in text:
+    # Python's int and float accept 1_000, which is a typing error here, and digits of other scripts
+    if "_" in text or not text.isascii():
         return text
     for read in (int, float):
         try:

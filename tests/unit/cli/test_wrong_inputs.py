@@ -69,6 +69,8 @@ AS_TYPED = {
     "check --sector 7 --w 0.2 --size 400x400": "--size = 400 x 400 mm gives 1960 x 1987 grid points",
     "check --sector 587 --size 601x30 --w 0.2 --code touch-1": "reach of code 'touch-1' at pitch 0.2 mm; use --code anoto-6x6",
     "check --sector 7 --directions 8 --delta 0.25": "more than 1 %; use --w 2 --delta 0.34, or --directions 4, or a",
+    "make --sector \u0667": "--sector = '\u0667' is not a whole number",
+    "make --sector 7 --w \uff12": "--w = '\uff12' is not a number in mm",
     "make --sectors 1-3 --tabs x": "--tabs = 'x' is of a panel, and these tapes are made one by one; leave it out",
     "make --sectors 1-3 --same-sector": "--same-sector is of a panel, and these tapes are made one by one; leave it out",
 }
