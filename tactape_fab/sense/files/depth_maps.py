@@ -125,7 +125,8 @@ def other_shape(path: Path, shape: tuple[int, int], sensor: SensorProfile) -> Pr
     return Problem("frames", f"{message} {height} x {width}; give another sensor")
 
 
-def _is_kit(path: Path) -> bool:
+def has_manifest(path: Path) -> bool:
+    """Whether a path that should be of frames is that of a kit or its manifest."""
     try:
         return path.name == MANIFEST_NAME or (path / MANIFEST_NAME).is_file()
     except (OSError, ValueError):  # a path that is invalid on every system
@@ -137,7 +138,7 @@ def open_frame_file(path: str | Path) -> FrameFile:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        if _is_kit(path):
+        if has_manifest(path):
             raise SpecError(Problem("frames", f"{shown_path(path)} is a kit, no file of frames; use --tape {shown_path(path)}"))
         raise SpecError(Problem("frames", f"{shown_path(path)} is no file of frames; {_REMEDY}"))
     with _refused(path):

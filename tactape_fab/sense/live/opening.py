@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Problem, SpecError, reason_of, refuse, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import begins_with
 from tactape_fab.base.output_file import refuse_taken_place
-from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
+from tactape_fab.sense.files.depth_maps import SUFFIXES, has_manifest, open_frames
 from tactape_fab.sense.files.jobs import Job, of_colour_images, prepare_without_frames
 from tactape_fab.sense.files.recording_kinds import BAG
 from tactape_fab.sense.files.recordings import is_recording
@@ -183,6 +183,9 @@ def _source(
     if (folder or plain) and is_recording(path) and not (folder and _other_list(path / BAG)):
         message = f"source {shown_path(given)} is a recording, whose frames do not come any more; decode reads it"
         raise SpecError(Problem("source", message))
+    if folder and has_manifest(path):
+        message = f"source {shown_path(given)} is a kit, into which no frames come; give it with --tape, and a folder of frames"
+        problems.append(Problem("source", message))
     if film and not (camera or stat.S_ISREG(mode)):
         message = f"source {shown_path(given)} cannot be opened: it is no regular file, as a film is; {_SOURCES}"
         problems.append(Problem("source", message))

@@ -400,7 +400,7 @@ def test_frames_of_another_sensor_alone_are_a_failure(default_kit: Kit, frames: 
         ("{frames} --tape {kit} --rate 1e-300", ["rate = 1e-300 Hz is below 0.001 Hz", "or max"]),
         ("{frames} --tape {kit} --rate fast", ["rate = 'fast' is not a number", "or max"]),
         ("{frames} --tape {kit} --idle 3", ["--idle = 3 is for folders"]),
-        ("{kit} --tape {kit} --rate 3 --idle soon", ["--rate = 3 is for files", "idle = 'soon'"]),
+        ("{kit} --tape {kit} --rate 3 --idle soon", ["--rate = 3 is for files", "idle = 'soon'", "is a kit, into"]),
         ("{frames} --tape {kit} --count 0", ["count = 0 is outside"]),
         ("{frames} --tape {kit} --mcap a.mcap", ["holds no timestamps", "--rate HZ"]),
         ("{frames} --tape {kit} --mcap a.bag --save none/a.rrd --rate 9", ["a.bag does not end with .mcap", "no folder"]),
