@@ -33,6 +33,12 @@ def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
         reason = reason_of(error)
         raise SpecError(f"output = {shown_path(target)} cannot be a folder: {reason}; use -o to name another one") from error
     if mode is None:
+        nearest = next(place for place in target.parents if mode_of(place) is not None)
+        if not nearest.is_dir():
+            message = (
+                f"output = {shown_path(target)}: {shown_path(nearest)} is there and is no folder; use -o to name another one"
+            )
+            raise SpecError(message)
         return
     if not stat.S_ISDIR(mode):
         raise SpecError(f"output = {target} exists and is not a folder; nothing was touched; use -o to name another folder")

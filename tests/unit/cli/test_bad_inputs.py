@@ -593,9 +593,9 @@ def test_a_profile_that_cannot_be_read_is_refused(here: Path) -> None:
     ("args", "status", "value", "limit", "remedy"),
     [
         ("-o file", USAGE, "-o = file", "is not a folder", "use -o to name another folder"),
+        ("-o file/kit", USAGE, "-o = file/kit", "file is there and is no folder", "use -o to name another one"),
         ("-o file --overwrite", USAGE, "-o = file", "is not a folder", "use -o to name another folder"),
-        ("-o file/kit", FAILED, "file", "cannot be written", REMEDY),
-        ("-o file/a/kit", FAILED, "file", "cannot be written", REMEDY),
+        ("-o file/a/kit", USAGE, "-o = file/a/kit", "file is there and is no folder", "use -o to name another one"),
         ("-o foreign", USAGE, "-o = foreign", "exists already", DEEPER),
         ("-o foreign --overwrite", USAGE, "-o = foreign", "is no kit of this tool", "nothing was touched; use -o"),
         ("-o empty --overwrite", USAGE, "-o = empty", "is no kit of this tool", "nothing was touched; use -o"),
