@@ -7,9 +7,11 @@ import re
 import uuid
 import warnings
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import pytest
+from gerbonara.graphic_objects import Flash
 from gerbonara.rs274x import GerberFile
 
 from tactape_fab import Kit, TapeSpec, __version__, make_kit
@@ -54,6 +56,16 @@ def test_every_copper_flash_names_its_part_and_pin_in_order(kits: dict[str, Kit]
     parts = kits["full"].tape.part_count
     assert [flash.attrs[".P"] for flash in file.objects] == [(f"R{i}", pin) for i in range(1, parts + 1) for pin in "12"]
     assert {flash.attrs[".N"] for flash in file.objects} == {("N/C",)}
+
+
+@pytest.mark.parametrize(("anchor", "nets"), [("spur", {("N/C",)}), ("mesh", {None})])
+def test_a_pad_that_copper_connects_to_others_states_no_net(anchor: str, nets: set[Any], tmp_path: Path) -> None:
+    # N/C is the net of a single pad (5.6.13): a netlist of such nets has as many shorts as a mesh connects pads
+    spec = TapeSpec(sector=9, pitch_mm=2.4, size_mm=(20.0, 16.0), tag="none", anchor=anchor, models=False)
+    kit = make_kit(spec, tmp_path / "tape", verify=False)
+    pads = [flash for flash in _read(kit, "copper-top").objects if isinstance(flash, Flash)]
+    assert len(pads) == 2 * kit.tape.part_count
+    assert {flash.attrs.get(".N") for flash in pads} == nets
 
 
 @pytest.mark.parametrize("layer", LAYERS)

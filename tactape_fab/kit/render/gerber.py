@@ -45,7 +45,9 @@ def render_copper(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """Copper layer: two flashed pads per part, with component and pin (.P) if attributes are on; anchors; and fiducials."""
     gerber = GerberText(drawing.project, fab.x2, "Copper,L1,Top")
     apertures = _apertures(gerber, "PAD", [parts.pads for parts in drawing.parts], "SMDPad,CuDef")
-    gerber.object_attribute("N,N/C")
+    # N/C is the net of a single pad (Gerber 2024.05 section 5.6.13); a mesh connects pads, which then state no net
+    if drawing.anchors is None or not len(drawing.anchors.webs_mm):
+        gerber.object_attribute("N,N/C")
     named = gerber.attribute_line("TO.P,R%d,%d")
     first, before = 0, ""
     for parts, aperture in zip(drawing.parts, apertures, strict=True):
