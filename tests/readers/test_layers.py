@@ -10,15 +10,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import shapely
 
 from tactape_fab import TapeSpec, make_kit
+from tactape_fab.kit.film.coverlay import gang_window
 from tactape_fab.kit.film.drawing import tape_drawing
 from tactape_fab.kit.film.layout import Flashes, Layout
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.kit.render.gerber import render_copper
 from tests.readers.conftest import Sample, layout_of
 from tests.readers.pictures import Picture, Reader
-from tests.readers.raster import LAYERS, PX_PER_MM, Window, area_mm2, board_window, coverage, layer_edges_mm
+from tests.readers.raster import LAYERS, PX_PER_MM, Window, area_mm2, board_window, coverage, layer_edges_mm, polygon_edges_mm
 
 Truth = Callable[[str], Picture]
 
@@ -73,6 +75,19 @@ def test_reader_draws_wide_corners_as_laid_out(reader: Reader, corner_radius_mm:
     layout, kit = layout_of(spec), make_kit(spec, tmp_path / "tape", verify=False)
     picture = reader.draw(kit.path / kit.files["profile"], board_window(layout))
     _assert_alike(reader, picture, coverage(layer_edges_mm(layout, "profile"), board_window(layout)), tmp_path)
+
+
+@pytest.mark.parametrize("role", ["coverlay-top", "stiffener-bottom", "adhesive-bottom"])
+def test_reader_draws_a_layer_of_regions_alone(reader: Reader, role: str, tmp_path: Path) -> None:
+    spec = TapeSpec(
+        sector=3, size_mm=(20.0, 14.0), tag="none", coverlay="gang", stiffener="FR4 0.2", adhesive="3M468 0.13", models=False
+    )
+    layout, kit = layout_of(spec), make_kit(spec, tmp_path / "tape", verify=False)
+    window_mm = gang_window(layout.tape.board, layout.parts_xy_mm, layout.outlines.opening)
+    truth = coverage(
+        polygon_edges_mm(shapely.Polygon({"coverlay-top": window_mm}.get(role, layout.outline_mm))), board_window(layout)
+    )
+    _assert_alike(reader, reader.draw(kit.path / kit.files[role], board_window(layout)), truth, tmp_path)
 
 
 @pytest.mark.parametrize("corner_radius_mm", [0.5, 2.0, 3.0])

@@ -16,6 +16,7 @@ from tactape_fab.texture.frames import FloatArray, IntArray, to_nm
 
 _CHUNK = 20_000
 """Flashes formatted at a time, which bounds the memory."""
+_FIRST_APERTURE = 10
 
 
 class GerberText:
@@ -24,7 +25,7 @@ class GerberText:
     def __init__(self, project: Project, x2: X2Mode, file_function: str, polarity: str = "Positive") -> None:
         self._x2 = x2
         self._pieces: list[bytes] = []
-        self._next_aperture = 10
+        self._next_aperture = _FIRST_APERTURE
         self._attribute(f"TF.GenerationSoftware,tactape-fab,tactape-fab,{__version__}")
         self._attribute(f"TF.CreationDate,{build_date():%Y-%m-%dT%H:%M:%S+00:00}")
         self._attribute(f"TF.ProjectId,{project.id}")
@@ -113,6 +114,9 @@ class GerberText:
 
     def data(self) -> bytes:
         """The whole file with its .MD5 (Gerber 2024.05 section 5.6.9: of everything before it, without line ends)."""
+        # regions need no aperture (4.10), but gerbv takes a file that defines none for RS-274D, whose apertures come apart
+        if self._next_aperture == _FIRST_APERTURE:
+            self.circle(0.1, "Material")
         digest = hashlib.md5(usedforsecurity=False)
         for piece in self._pieces:
             digest.update(piece.replace(b"\n", b""))
