@@ -63,9 +63,12 @@ def test_a_pad_that_copper_connects_to_others_states_no_net(anchor: str, nets: s
     # N/C is the net of a single pad (5.6.13): a netlist of such nets has as many shorts as a mesh connects pads
     spec = TapeSpec(sector=9, pitch_mm=2.4, size_mm=(20.0, 16.0), tag="none", anchor=anchor, models=False)
     kit = make_kit(spec, tmp_path / "tape", verify=False)
-    pads = [flash for flash in _read(kit, "copper-top").objects if isinstance(flash, Flash)]
+    drawn = _read(kit, "copper-top").objects
+    pads = [thing for thing in drawn if isinstance(thing, Flash)]
     assert len(pads) == 2 * kit.tape.part_count
-    assert {flash.attrs.get(".N") for flash in pads} == nets
+    assert {pad.attrs.get(".N") for pad in pads} == nets
+    # 5.6.10: copper that connects is a Conductor, a pad never is
+    assert {dict(thing.aperture.attrs)[".AperFunction"] for thing in drawn[len(pads) :]} == {("Conductor",)}
 
 
 @pytest.mark.parametrize("layer", LAYERS)
