@@ -14,6 +14,7 @@ from gerbonara.layers import LayerStack
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.profiles import BACKING_ROLES, load_fab
+from tactape_fab.kit.rules.film_rules import name_findings
 from tests.readers.conftest import Sample
 
 _LAYERS = {("top", "copper"), ("top", "mask"), ("top", "silk"), ("top", "paste"), ("mechanical", "outline")}
@@ -120,6 +121,34 @@ def test_whats_that_gerber_knows_each_profiles_layers_and_one_outline(
             found[role][0] for role in BACKING_ROLES if role in found
         }, name
         assert ("job" in found) is load_fab(name.split()[0]).job_in_zip, name
+
+
+_MISREAD = [
+    "outline", "Profile", "inner", "fabric", "NPTH", "pnp_bom", "edge_cuts", "f.cu", "thumb_cup", "leaf_mask",
+    "f_paste", "b_silks", "pin1_cu", "top_copper", "bottom_copper", "top_mask", "bottom_mask", "top_paste",
+    "bottom_paste", "top_silk", "bottom_silk", "copper_top", "copper_bottom", "soldermask_top", "soldermask_bottom",
+    "solderpaste_top", "solderpaste_bottom", "silkscreen_top", "silkscreen_bottom",
+]  # fmt: skip
+_READ = [
+    "tactape-s007", "drill", "top", "bottom", "topmask", "copper", "silk", "keepout", "mechanical", "x.gbl", "PTH",
+    "v1.0", "incu", "cuff",
+]  # fmt: skip
+
+
+def test_whats_that_gerber_misreads_the_names_that_are_warned_of(node_module: Callable[[str], str]) -> None:
+    node = node_module("whats-that-gerber")
+    fab, names = load_fab("generic-fpc"), [*_MISREAD, *_READ]
+    files = [[fab.file_path(role, name, "FR4").split("/")[-1] for role in (*_KINDS, "stiffener-bottom")] for name in names]
+    script = "process.stdout.write(JSON.stringify(JSON.parse(process.argv[1]).map(require('whats-that-gerber'))))"
+    run = subprocess.run([node, "-e", script, json.dumps(files)], capture_output=True, encoding="utf-8", check=True)
+    kinds = [*_KINDS.values(), ("drawing", None)]
+    misread = [
+        name
+        for name, of_name, found in zip(names, files, json.loads(run.stdout), strict=True)
+        if [(found[file]["type"], found[file]["side"]) for file in of_name] != kinds
+    ]
+    assert misread == _MISREAD
+    assert [name for name in names if name_findings(name)] == _MISREAD
 
 
 def test_gerbonara_refuses_a_second_outline(tape_6x4: Sample, tmp_path: Path) -> None:

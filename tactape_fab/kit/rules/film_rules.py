@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from math import ceil, hypot, isinf
@@ -18,6 +19,13 @@ from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import area_mm2, reach_mm
+
+_LAYER_WORDS = re.compile(
+    r"outline|profile|inner|fab|npth|pnp_bom|edge[._]cuts|[bf][._](cu|mask|paste|silks)|in\d+[._]cu"
+    r"|(top|bottom)_(copper|mask|paste|silk)|(copper|soldermask|solderpaste|silkscreen)_(top|bottom)",
+    re.IGNORECASE,
+)
+"""Names of layers in files of KiCad, gEDA and Eagle, by which tracespace's whats-that-gerber knows them before the ending."""
 
 
 def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Problem]:
@@ -110,6 +118,7 @@ def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Findi
         *_drawn(layout, spec, fab),
         *assembly_findings(layout.tape.board.size_mm, layout.tape.part_count, fab),
         *_bending(layout, spec, fab),
+        *name_findings(layout.tape.name),
     ]
 
 
@@ -245,6 +254,14 @@ def _cell_options(layout: Layout, spec: TapeSpec, fab: FabProfile) -> str:
     cell_mm = ceil(round((fab.legend.line_mm + 2 * fab.legend.bleed_mm) * 1000, 3)) / 1000
     size_mm = film_size_mm(spec.with_values(tag_cell_mm=cell_mm), fab, layout.part)
     return f"--tag-cell {cell_mm:g}" + ("" if size_mm == spec.size_mm else f" --size {size_mm[0]:g}x{size_mm[1]:g}")
+
+
+def name_findings(name: str) -> list[Finding]:
+    """Warning if the name of the tape, which its files have, is one of a layer for programs that tell layers by file names."""
+    if (word := _LAYER_WORDS.search(name)) is None:
+        return []
+    message = f"name = '{name}' has '{word[0]}', by which viewers of fabs tell a layer: they would take other files for it, too; "
+    return [Finding(rule="file-name", level="warn", passed=False, unit="", message=message + "use another --name")]
 
 
 def _chip_size(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:

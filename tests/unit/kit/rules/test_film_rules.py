@@ -235,6 +235,14 @@ def test_a_chip_is_no_smaller_than_the_line_places(least_mm: float, passed: bool
     assert small.message.endswith("; ask generic-fpc whether they place it, or use --part r0201")
 
 
+@pytest.mark.parametrize(("name", "word"), [("Palm_Outline", "Outline"), ("thumb_cup", "b_cu"), ("pin2.cu", "in2.cu")])
+def test_a_name_by_which_viewers_tell_layers_is_warned_of(name: str, word: str) -> None:
+    finding = found({"name": name})["file-name"]
+    assert (finding.level, finding.passed) == ("warn", False)
+    assert finding.message.startswith(f"name = '{name}' has '{word}', ") and finding.message.endswith("; use another --name")
+    assert "file-name" not in found({"name": "palm_top"})
+
+
 # Assembly
 
 
