@@ -117,7 +117,7 @@ def tilted_pose(
     if found.fitted is None or not (found.finite and 0.0 < found.sigma_mm < inf):
         return pose, offset_px, False
     # remaining uncertainties: a share of the correction, a lean of the tops, and the parameters of the bend
-    left = [DRAWN_ERROR * drawn, np.tile(LEAN_MM * view.px_per_mm * slope, (len(drawn), 1))]
+    left = [DRAWN_ERROR * drawn, np.broadcast_to(LEAN_MM * view.px_per_mm * slope, drawn.shape)]
     if bend is not None:
         left += [_flat(places, slope, other, view) - moved for other in bend.unsure]
         left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM) - moved)
@@ -157,11 +157,12 @@ def _mixture(shares: tuple[float, ...], poses: tuple[Pose, ...], strain: FloatAr
     apart = np.array([[*(p.position_mm - first.position_mm), remainder(p.theta_rad - first.theta_rad, tau)] for p in poses])
     towards = of @ apart
     scatter = (of * (apart - towards).T) @ (apart - towards)
+    within = sum((share * pose.covariance for share, pose in zip(shares, poses, strict=True)), strain)
     return replace(
         first,
         position_mm=first.position_mm + towards[:2],
         theta_rad=remainder(first.theta_rad + float(towards[2]), tau),
-        covariance=np.tensordot(of, [p.covariance for p in poses], 1) + scatter + strain,
+        covariance=within + scatter,
     )
 
 
