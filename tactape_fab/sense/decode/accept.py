@@ -114,7 +114,7 @@ def accept_place(
     reason = _refusal(p_tape, doubt, limits, agree, on.good) or _off_scale(pose.px_per_mm, view) or _across(dots, pose, tape)
     if reason is not None:
         return Localization(located=False, reason=reason, **fields), other
-    drawn = False
+    as_seen_px, drawn = offset_px, False
     gel = None if pressed is None else pressed[0].in_mm(heights, USUAL_PART_MM if view.part is None else view.part.body_mm[2])
     if pressed is not None and gel is not None and seen_px is not None:
         contact = contact_surface(gel, *pressed[1:], seen_px, pose.agree, on.weights, view.pitch_mm)
@@ -137,7 +137,8 @@ def accept_place(
         fields["places"] = "as-built" if place.as_built else "nominal"
     if pixels is not None:
         rest = (None if tape is None else tape.part, offset_px, built_mm, pose, placed_mm)
-        pose, fields["refine_reason"] = (pose, _TILTED) if drawn else refine(pixels, view, *rest)
+        # the pixels are where the gel shows them: dots that were moved to where a flat tape would show them have no others
+        pose, fields["refine_reason"] = refine(pixels, view, *rest) if offset_px is as_seen_px else (pose, _TILTED)
         fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
     pose = _less_sure(
         pose,

@@ -201,6 +201,17 @@ def test_a_crowned_gel_that_is_imprinted_without_pressure_is_in_the_covariance(r
     assert np.mean([nees(localizer.locate(frame.depth), frame) for frame in seen]) < 1.6
 
 
+def test_a_bent_tape_without_pressure_is_left_to_the_dots() -> None:
+    """Its dots are laid flat, which the pixels are not: NEES/3 was 169 round 16 mm."""
+    bent = Scene(contact="strip", cylinder_radius_mm=16.0, contact_turn_deg=30.0)
+    sensor = replace(plane_gel(), slope_noise=SLOPE)
+    seen = list(iterate_frames(TAPE, 6, 7, sensor, bent))
+    localizer = Localizer(TAPE, sensor, refine="pixels")
+    fixes = [localizer.locate(frame.depth) for frame in seen]
+    assert {fix.refined for fix in fixes} == {"dots"} and "bent" in str(fixes[0].refine_reason)
+    assert np.mean([nees(fix, frame) for fix, frame in zip(fixes, seen, strict=True)]) < 2.0
+
+
 def test_a_camera_that_is_not_the_profiles_is_in_the_covariance() -> None:
     seen = list(frames(30, contact_offset_mm=(3.0, 2.0), aspect_error=0.03, shear_error=0.02, k1_error=0.03))
     localizer = Localizer(TAPE, SENSOR, refine="pixels")
