@@ -117,7 +117,7 @@ def posterior(
         has the variance sigma^2 / weight, and only the gel's displacement is added.
     placed_mm2 (n,): Known variance of each part's position, to be added.
     unsure_mm (n, 2): Common shift of the dots along the image's axes per unit of one unknown factor of mean 0 and variance 1; it
-        replaces the rim's pull. Only if `smoothed`.
+        replaces the rim's pull.
     Returns at (4,): x mm, y mm, theta rad, ln of the scale over the profile's; NaN where all dots are in one place.
     Returns covariance (3, 3): Of (x mm, y mm, theta rad); infinite where all dots are in one place.
     Returns sigma_mm: Standard deviation of a full dot along one axis.
