@@ -101,7 +101,7 @@ def test_exit_status_tells_what_happened(here: Path) -> None:
     assert run(f"make {SMALL} -o kit").exit_code == 0
     assert run("check --sector 7").exit_code == 0
     assert run("verify kit --quick").exit_code == 0
-    assert run("make --sector 7 -o kit/manifest.json/kit").exit_code == 1
+    assert run("make --sector 7 -o kit/manifest.json/kit").exit_code == 2
     assert run("check --sector 7 --w nan").exit_code == 2
     assert run("check --sector 7 --delta 0.7").exit_code == 3
     (here / "kit" / "assembly" / "tactape-s009-cpl.csv").unlink()
