@@ -14,7 +14,21 @@ import pytest
 from tactape_fab import Localization, Localizer
 from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.contact.layer import force_on
-from tactape_fab.sense.decode.contact.plane import GAIN, GAIN_SIGMA, ROUNDNESS, Plane, dome_of, fit_plane, terms
+from tactape_fab.sense.decode.contact.plane import (
+    BENT_SIGMA,
+    CORRELATED,
+    FAR,
+    GAIN,
+    GAIN_SIGMA,
+    LEAST_ERROR_MM,
+    ROUNDNESS,
+    Plane,
+    _bend,
+    dome_of,
+    fit_plane,
+    level_of,
+    terms,
+)
 from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
@@ -57,6 +71,27 @@ def test_the_crown_tells_what_the_sensor_makes_of_slopes(slopes: tuple[float, fl
     off = plane.rise - (0.3, *slopes)
     assert off @ np.linalg.solve(plane.covariance, off) < 16.0
     assert np.abs(off[1:]).max() < 0.003
+
+
+@pytest.mark.parametrize("count", [16, 17])
+def test_the_surface_is_a_robust_fit_by_the_tops_median_error(count: int) -> None:
+    """By least squares of rows, of which three are what is believed of the curvatures."""
+    at, heights, _ = tops((0.03, -0.01))
+    at, heights, weights = at[:count], heights[:count], np.linspace(0.0, 1.0, count)
+    heights = heights + 0.01 * np.random.default_rng(4).standard_normal(count)
+    rows, kept, error = terms(at), weights, 0.005
+    for _ in range(3):
+        by, believed = error / BENT_SIGMA, -GAIN * np.array([1 / CROWN_MM[0], 1 / CROWN_MM[1], 0.0])
+        all_rows = np.vstack([np.sqrt(kept)[:, None] * rows, np.hstack([np.zeros((3, 3)), by * np.eye(3)])])
+        shown = np.linalg.lstsq(all_rows, np.append(np.sqrt(kept) * heights, by * believed))[0]
+        off = heights - rows @ shown
+        error = float(np.median(np.abs(off[1:]))) / 0.674  # the first weighs nothing
+        assert error > LEAST_ERROR_MM
+        kept = weights / (1.0 + (off / (FAR * error)) ** 2) ** 2
+    plane = plane_of(at, heights, weights)
+    assert plane.shown == pytest.approx(shown, rel=1e-6, abs=1e-10)
+    expected = np.linalg.inv(all_rows.T @ all_rows) * error**2 * CORRELATED
+    assert plane.shown_variance == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_a_bent_tape_is_not_flat_and_its_slope_is_that_of_the_image_s_centre() -> None:
@@ -104,6 +139,38 @@ def test_a_bend_is_as_sure_as_its_surface_and_the_crown_s_roundness(
     saddle = 0.0 if crown_mm is not None else 1.0 / CROWN_MM[1] - 1.0 / CROWN_MM[0]
     slope = np.hypot(np.sqrt(across @ of_surface @ across), gain_error * (0.01 - y * (0.03 + saddle)))
     assert plane.bend.angle_sigma == pytest.approx(slope, rel=0.05)
+
+
+@pytest.mark.parametrize(("along", "is_bent"), [(0.0095, True), (0.012, False)])
+def test_a_curvature_along_the_axis_within_two_deviations_is_none(along: float, is_bent: bool) -> None:
+    """Of 0.002 + 2 x 0.004 of the tape's curvatures, which are those shown over the gain and less the crown's."""
+    crown = np.array([1 / CROWN_MM[0], 1 / CROWN_MM[1], 0.0])
+    shown = GAIN * np.array([0.3, 0.0, 0.0, -along - crown[0], -0.03 - crown[1], 0.0])
+    variance = GAIN**2 * np.diag([0.0, 1e-6, 1e-6, 0.003**2, 0.004**2, 0.001**2])
+    bend, known = _bend(shown, variance, crown, np.zeros(2), 0.0)
+    assert (bend is not None) == is_bent
+    if bend is not None:
+        assert known and bend.curvature == pytest.approx(-0.03) and bend.curvature_sigma == pytest.approx(0.004)
+
+
+@pytest.mark.parametrize(
+    ("curvatures", "level"),
+    [
+        ((-0.005, -0.001, 0.0), None),  # bent by 0.004, which is no bend
+        ((-0.0065, -0.001, 0.0), 0.001),
+        ((-0.001, -0.0065, 0.0), 0.001),
+        ((-0.0115, -0.0055, 0.0), 0.0055),
+        ((-0.0125, -0.0065, 0.0), None),  # a crown that is more than the bend beside it
+        ((-0.0295, -0.0095, 0.0), 0.0095),
+        ((-0.0305, -0.0105, 0.0), None),  # more than any gel's
+        ((-0.0285, 0.0015, 0.0), -0.0015),
+        ((-0.0275, 0.0025, 0.0), None),  # hollow
+        ((0.0285, -0.0015, 0.0), 0.0015),
+        ((-0.00375, -0.00375, 0.00275), 0.001),  # turned by 45 degrees
+    ],
+)
+def test_a_crown_that_leaves_a_tape_bent_about_one_axis(curvatures: tuple[float, float, float], level: float | None) -> None:
+    assert level_of(np.array(curvatures)) == (None if level is None else pytest.approx(level))
 
 
 @pytest.mark.parametrize(
