@@ -140,7 +140,8 @@ def open_frame_file(path: str | Path) -> FrameFile:
     if suffix not in SUFFIXES:
         if has_manifest(path):
             raise SpecError(Problem("frames", f"{shown_path(path)} is a kit, no file of frames; use --tape {shown_path(path)}"))
-        raise SpecError(Problem("frames", f"{shown_path(path)} is no file of frames; {_REMEDY}"))
+        remedy = "for arrays on standard input use watch -" if path == Path("-") else _REMEDY
+        raise SpecError(Problem("frames", f"{shown_path(path)} is no file of frames; {remedy}"))
     with _refused(path):
         if suffix in PICTURES:
             return FrameFile(path=path, count=1, frame_shape=read_picture_header(path))

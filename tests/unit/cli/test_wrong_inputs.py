@@ -111,6 +111,7 @@ OF_A_KIT = {
     "simulate {kit} -o a.npz --count 1e3": [
         "--count = 1000.0 is not a whole number, as it is written with a point or an exponent; give 1000",
     ],
+    "decode - --tape {kit}": ["- is no file of frames; for arrays on standard input use watch -"],
     "decode a.npz {kit}": ["no tape is given; name the kits", "a.npz cannot be", " is a kit, no file of frames; use --tape "],
     "survey f.npz --tape {kit} -o a.json --from no.json": ["--from = no.json cannot be read: No such file", "f.npz cannot be"],
     "inspect nope.png --tape {kit} -o a.json --tolerance 50": ["--tolerance = 50 mm is not from 0.001 to 10 mm"],
