@@ -151,9 +151,10 @@ def _mixture(shares: tuple[float, ...], poses: tuple[Pose, ...], strain: FloatAr
     shares: Probability of each.
     strain (3, 3): Covariance of errors that all have besides.
     """
-    first, of = poses[0], np.array(shares)
+    first = poses[0]
     if shares[0] == 1.0:
         return replace(first, covariance=first.covariance + strain)
+    of = np.array(shares)
     apart = np.array([[*(p.position_mm - first.position_mm), remainder(p.theta_rad - first.theta_rad, tau)] for p in poses])
     towards = of @ apart
     scatter = (of * (apart - towards).T) @ (apart - towards)
