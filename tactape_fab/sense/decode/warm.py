@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tactape_fab.base.jit import COMPILED, KEPT
+from tactape_fab.sense.decode.contact.plane import robust_surface
 from tactape_fab.sense.decode.contact.surface import taken
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import turn_weights
@@ -73,6 +74,7 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
     agree = np.ones(n, dtype=bool)
     line, normal = np.empty(image.shape[1]), np.zeros((7, 7))
     taken(image, image, dots.xy_px, agree, dots.weights, 1, 1, np.empty(n), np.empty((0, 0)), line, normal)
+    robust_surface(dots.xy_px, dots.weights, dots.weights, np.zeros(3))
     dots = settled(dots, view.pitch_px, view.shift)
     xy = dots.xy_px - dots.xy_px.mean(axis=0)
     angle, pitch, phase_a, phase_b, _ = find_lattices(xy, dots.weights, view.pitch_px, view.scale_tolerance, 1)[0].tolist()

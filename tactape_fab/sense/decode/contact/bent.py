@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, sqrt
 
@@ -39,49 +39,65 @@ class Bend:
     curvature_sigma: float
     along_sigma: float
 
+    @cached_property
+    def circles(self) -> FloatArray:
+        """Sine, curvature and slope along the axis; (4, 3).
+
+        As they are, and where the angle in the middle, the curvature, or the slope along the axis is off by a standard deviation.
+        """
+        at_middle = self.sine + self.curvature * self.middle_mm
+        curved = self.curvature + self.curvature_sigma
+        turned = at_middle + self.angle_sigma * sqrt(max(1.0 - at_middle**2, 0.0))
+        return np.array(
+            [
+                [self.sine, self.curvature, self.along],
+                [turned - self.curvature * self.middle_mm, self.curvature, self.along],
+                [at_middle - curved * self.middle_mm, curved, self.along],
+                [self.sine, self.curvature, self.along + self.along_sigma],
+            ]
+        )
+
     @property
     def on_flank(self) -> bool:
         """Whether the image's centre may be beyond the flank, so that no place is under it."""
-        error = hypot(*(other.sine - self.sine for other in self.unsure))
-        return not abs(self.sine) + error <= MOST_SINE
+        sines = self.circles[:, 0].tolist()
+        return not abs(self.sine) + hypot(*(sine - self.sine for sine in sines[1:])) <= MOST_SINE
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Slopes in the image's centre along u and v, for each of `circles`; (4, 2)."""
+        sines, _, along = self.circles.T
+        steep = sines / np.sqrt(np.maximum(1.0 - sines**2, 1.0 - MOST_SINE**2))
+        return np.asarray(steep[:, None] * self.across + along[:, None] * self._sideways)
 
     @property
-    def slope(self) -> FloatArray:
-        """Slopes in the image's centre along u and v."""
-        steep = self.sine / sqrt(max(1.0 - self.sine**2, 1.0 - MOST_SINE**2))
-        return steep * self.across + self.along * np.array([-self.across[1], self.across[0]])
+    def _sideways(self) -> FloatArray:
+        """Unit vector along the axis."""
+        return np.array([-self.across[1], self.across[0]])
 
     def height_mm(self, middle_mm: FloatArray) -> float:
         """Height in the image's centre minus that in the contact's middle, which is at `middle_mm` (2,)."""
         cosine, at_middle = (sqrt(max(1.0 - s * s, 0.0)) for s in (self.sine, self.sine + self.curvature * self.middle_mm))
         # d height / d arc is the sine and d angle / d arc the curvature: heights differ as the cosines do
-        along = self.along * float(middle_mm @ (-self.across[1], self.across[0]))
+        along = self.along * float(middle_mm @ self._sideways)
         return (at_middle - cosine) / self.curvature - along
 
-    def unrolled(self, seen_mm: FloatArray, part_mm: float) -> FloatArray:
-        """Positions on the flattened film, from the image's centre, of tops seen along the sensor's axis; both (n, 2).
+    def unrolled(self, seen_mm: FloatArray, part_mm: float, error_mm: float) -> FloatArray:
+        """Positions on the flattened film, from the image's centre, of tops seen along the sensor's axis.
 
+        seen_mm (n, 2): Likewise from the image's centre.
         part_mm: Height of the tops over the film.
+        Returns: (5, n, 2), for each of `circles`, and for tops that are higher by `error_mm`.
         """
-        sideways = np.array([-self.across[1], self.across[0]])
-        across, along = seen_mm @ self.across, seen_mm @ sideways
-        angles = np.arcsin(np.minimum(np.maximum(self.sine + self.curvature * across, -MOST_SINE), MOST_SINE))
-        at_centre = np.arcsin(min(max(self.sine, -MOST_SINE), MOST_SINE))
+        across, along = seen_mm @ self.across, seen_mm @ self._sideways
+        sines, curvatures, leans = self.circles[[0, 1, 2, 3, 0]].T[:, :, None]
+        sines_at = np.empty((5, len(seen_mm) + 1))  # the last column is the image's centre
+        sines_at[:, :-1], sines_at[:, -1:] = sines + curvatures * across, sines
+        angles = np.arcsin(np.minimum(np.maximum(sines_at, -MOST_SINE), MOST_SINE))
         # arcs of the tops, and by how much the film's are longer or shorter
-        arcs = (angles - at_centre) / self.curvature * (1.0 + part_mm * self.curvature)
-        return np.asarray(arcs[:, None] * self.across + (along * sqrt(1.0 + self.along**2))[:, None] * sideways)
-
-    @cached_property
-    def unsure(self) -> tuple[Bend, Bend, Bend]:
-        """Three copies: with the angle in the middle, the curvature, or the slope along the axis off by a standard deviation."""
-        at_middle = self.sine + self.curvature * self.middle_mm
-        curvature = self.curvature + self.curvature_sigma
-        turned = at_middle + self.angle_sigma * sqrt(max(1.0 - at_middle**2, 0.0))
-        return (
-            replace(self, sine=turned - self.curvature * self.middle_mm),
-            replace(self, sine=at_middle - curvature * self.middle_mm, curvature=curvature),
-            replace(self, along=self.along + self.along_sigma),
-        )
+        longer = 1.0 + np.array([[part_mm], [part_mm], [part_mm], [part_mm], [part_mm + error_mm]]) * curvatures
+        arcs, lengths = (angles[:, :-1] - angles[:, -1:]) / curvatures * longer, np.sqrt(1.0 + leans**2) * along
+        return np.asarray(arcs[:, :, None] * self.across + lengths[:, :, None] * self._sideways)
 
 
 def bend_of(

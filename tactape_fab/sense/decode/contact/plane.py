@@ -12,7 +12,11 @@ from math import hypot
 
 import numpy as np
 
+from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.contact.bent import Bend, bend_of
+from tactape_fab.sense.decode.dots.clip import clip
+from tactape_fab.sense.decode.dots.kth import median
+from tactape_fab.sense.decode.grid.second_order import add_point, solve
 from tactape_fab.texture.frames import FloatArray
 
 LEAST_TOPS = 8
@@ -25,7 +29,7 @@ BENT_SIGMA = 0.1
 FLAT_TOLERANCE = 0.0004
 """Curvature, 1/mm, by which tops of a flat tape may differ from the crown; it is 1/2500 mm."""
 FLAT_CHI2 = 11.3
-"""Squared distance of three curvatures and a gain beyond which a tape is not flat: 99 % with 3 degrees of freedom."""
+"""Squared distance of three curvatures from the crown's beyond which a tape is not flat: 99 % with 3 degrees of freedom."""
 FILM = 0.002
 """Curvature, 1/mm, below which there is none: contacts of the elastic simulator show 0.0003 beside the crown's, those of the
 imprint model, which are domes, 0.005 and more."""
@@ -48,12 +52,12 @@ ROUNDNESS = 0.002
 """Standard deviation of the difference of an unknown crown's two curvatures, 1/mm: 1/189 and 1/113 differ by 0.0036."""
 ROUNDS, FAR = 3, 2.5
 """Rounds of the robust fit, and the errors at which its weight has fallen to a quarter (Geman and McClure)."""
-LEAST_ERROR_MM = 0.0015
+FIRST_ERROR_MM, LEAST_ERROR_MM = 0.005, 0.0015
+"""Standard deviation of a top in the first round, and the least in those after it."""
 CORRELATED = 1.5
 """The gel correlates the errors of tops: variances are so many times those of independent tops."""
 SLOPE_FLOOR, SLOPE_SHARE = 2.0e-4, 0.01
 """Systematic standard errors of the slopes, which the scatter of tops does not show: 0.01 degree, and a share of the slope."""
-_CURVATURES = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
 APEX_MM = 1.0
 """How far the gel's highest point may be from the image's centre where the sensor's profile has no crown."""
 
@@ -83,10 +87,9 @@ class Plane:
 
 
 def terms(gel_mm: FloatArray) -> FloatArray:
-    """The second-order surface's terms at points; (n, 2) to (n, 6)."""
-    (x, y), found = gel_mm.T, np.empty((len(gel_mm), 6))
-    found[:, 0], found[:, 1], found[:, 2], found[:, 3], found[:, 4], found[:, 5] = 1.0, x, y, x * x / 2, y * y / 2, x * y
-    return found
+    """The second-order surface's terms at a point; (2,) to (6,)."""
+    x, y = gel_mm.tolist()
+    return np.array([1.0, x, y, x * x / 2, y * y / 2, x * y])
 
 
 def fit_plane(
@@ -109,49 +112,57 @@ def fit_plane(
         return None
     # second derivatives by uu, vv and uv of a cap of these radii; depths of a flat tape have minus the gain times them
     crown = np.zeros(3) if crown_mm is None else np.array([1 / crown_mm[0], 1 / crown_mm[1], 0.0])
-    found = _surface(gel_mm, tops_mm, weights, -GAIN * crown)
-    if found is None:
+    shown, variance = robust_surface(gel_mm, tops_mm, weights, -GAIN * crown)
+    if not np.isfinite(variance).all():
         return None
-    shown, variance = found
-    flat = None if crown_mm is None else _flat(shown, variance, crown)
-    if flat is not None:
-        at, covariance = flat
-    else:
-        # a bent tape does not observe the gain: it is the prior's, independent of the slopes
-        at, covariance = np.append(shown[:3], GAIN), np.zeros((4, 4))
-        covariance[:3, :3], covariance[3, 3] = variance[:3, :3], GAIN_SIGMA**2
+    # height, slopes and gain: the gain is the prior's, independent of the tops
+    at, covariance, flat = np.append(shown[:3], GAIN), np.zeros((4, 4)), False
+    covariance[:3, :3], covariance[3, 3] = variance[:3, :3], GAIN_SIGMA**2
+    if crown_mm is not None:
+        # a flat tape shows minus the gain times the crown: all are conditioned on curvatures that add up to 0 with it
+        off, shared = shown[3:] + GAIN * crown, np.concatenate([variance[:3, 3:], [GAIN_SIGMA**2 * crown]])
+        of_off = variance[3:, 3:] + FLAT_TOLERANCE**2 * np.eye(3) + GAIN_SIGMA**2 * crown[:, None] * crown
+        known = np.asarray(np.linalg.inv(of_off))
+        flat = bool(off @ known @ off <= FLAT_CHI2)
+        if flat:
+            at -= shared @ known @ off
+            covariance -= shared @ known @ shared.T
     gain = float(at[3])
     rise = at[:3] / gain
     # rise = shown / gain: d rise / d shown = 1 / gain, d rise / d gain = -rise / gain
-    rates = np.column_stack([np.eye(3), -rise]) / gain
+    rates = np.zeros((3, 4))
+    rates[0, 0] = rates[1, 1] = rates[2, 2] = 1.0 / gain
+    rates[:, 3] = -rise / gain
     of_rise = rates @ covariance @ rates.T
     # the slope is read at the image's centre: with the gel's apex elsewhere it is off by the curvature times that distance
     apex = 0.0 if crown_mm is not None else APEX_MM * float(np.abs(shown[3:]).max())
-    middle_mm = weights @ gel_mm / weights.sum()
-    bend, known = None, crown_mm is not None
-    if flat is None:
-        bend, known = _bend(shown, variance, crown, middle_mm, hypot(GAIN_SIGMA / GAIN, unit_error))
-    if bend is not None:
-        # beyond the contact the tops follow a circle, not the fitted parabola
-        rise = np.append(terms(middle_mm[None])[0] @ shown / gain + bend.height_mm(middle_mm), bend.slope)
-        changes = np.array([other.slope - bend.slope for other in bend.unsure])
-        of_rise[1:, 1:] = changes.T @ changes
-    elif flat is None and crown_mm is not None:
-        # a film is not bent about both axes, so its slope may as well be that of the contact's middle
-        uu, vv, uv = shown[3:] / gain + crown
-        apex = float(np.linalg.norm(np.array([[uu, uv], [uv, vv]]) @ middle_mm))
-    of_rise[1:, 1:] += np.eye(2) * (SLOPE_FLOOR**2 + apex**2) + np.diag(SLOPE_SHARE * rise[1:]) ** 2
+    bend, of_profile = None, crown_mm is not None
+    if not flat:
+        middle_mm = weights @ gel_mm / weights.sum()
+        bend, of_profile = _bend(shown, variance, crown, middle_mm, hypot(GAIN_SIGMA / GAIN, unit_error))
+        if bend is not None:
+            # beyond the contact the tops follow a circle, not the fitted parabola
+            rise[0] = float(terms(middle_mm) @ shown) / gain + bend.height_mm(middle_mm)
+            rise[1:], *others = bend.slopes
+            changes = np.array(others) - rise[1:]
+            of_rise[1:, 1:] = changes.T @ changes
+        elif crown_mm is not None:
+            # a film is not bent about both axes, so its slope may as well be that of the contact's middle
+            uu, vv, uv = shown[3:] / gain + crown
+            apex = float(np.linalg.norm(np.array([[uu, uv], [uv, vv]]) @ middle_mm))
+    for axis in (1, 2):
+        of_rise[axis, axis] += SLOPE_FLOOR**2 + apex**2 + (SLOPE_SHARE * rise[axis]) ** 2
     if not (np.isfinite(rise).all() and np.isfinite(of_rise).all()):
         return None
     return Plane(
         rise=rise,
         covariance=of_rise,
         gain=gain,
-        flat=flat is not None,
+        flat=flat,
         shown=shown,
         shown_variance=variance,
         bend=bend,
-        known=known,
+        known=of_profile,
     )
 
 
@@ -198,44 +209,57 @@ def dome_of(plane: Plane) -> float:
     return DOME * min(max((level - least) / (most - least), 0.0), 1.0)
 
 
-def _surface(
-    gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, curvature: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
-    """The second-order surface and its covariance: robust, with a wide prior on the curvatures."""
-    rows, believed = terms(gel_mm), np.array([0.0, 0.0, 0.0, *curvature])
-    kept, error, seen = weights, 0.005, weights > 0.0
-    middle = int(np.count_nonzero(seen)) // 2
+def robust_surface(
+    gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, believed: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The second-order surface (6,), as `Plane.shown`, and its covariance: robust, with a wide prior on the curvatures.
+
+    believed (3,): Mean of that prior, 1/mm.
+    """
+    normal, buffer = np.empty((7, 7)), np.empty((3, len(weights)))
+    # one memory layout: numba compiles a kernel anew for each
+    error_mm = _fill_robust(np.ascontiguousarray(gel_mm), tops_mm, weights, believed, buffer, normal)
+    return normal[:6, 6], normal[:6, :6] * (error_mm**2 * CORRELATED)
+
+
+@kernel()
+def _fill_robust(
+    gel_mm: FloatArray,
+    tops_mm: FloatArray,
+    weights: FloatArray,
+    believed: FloatArray,
+    buffer: FloatArray,
+    normal: FloatArray,
+) -> float:
+    """Fill in the solved normal matrix (7, 7) of `second_order`, and return the standard deviation of a top, mm.
+
+    `buffer` (3, n) is a work buffer.
+    """
+    kept, off, apart = buffer[0], buffer[1], buffer[2]
+    error_mm = FIRST_ERROR_MM
+    for k in range(len(weights)):
+        kept[k] = weights[k]
     for _ in range(ROUNDS):
-        # over the tops' variance, as are all rows: the inverse below has to be multiplied by it
-        prior = (error / BENT_SIGMA) ** 2 * _CURVATURES
-        weighted = rows.T * kept
-        try:
-            inverse = np.asarray(np.linalg.inv(weighted @ rows + prior))
-        except np.linalg.LinAlgError:
-            return None
-        shown = inverse @ (weighted @ tops_mm + prior @ believed)
-        off = tops_mm - rows @ shown
-        # the median of an absolute normal variable is 0.674 sigma; numpy's function takes ten times as long for a few values
-        far = np.sort(np.abs(off[seen]))
-        error = max(float(far[middle] + far[~middle]) / 2.0 / 0.674, LEAST_ERROR_MM)
-        kept = weights / (1.0 + (off / (FAR * error)) ** 2) ** 2
-    return shown, inverse * (error**2 * CORRELATED)
-
-
-def _flat(shown: FloatArray, variance: FloatArray, crown: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Height and slopes as shown, and the gain, of a flat tape; with their covariance. None where the tape is bent."""
-    loose = variance + FLAT_TOLERANCE**2 * _CURVATURES
-    known = np.asarray(np.linalg.inv(loose))
-    # from (height, slopes, gain) to the six numbers shown: three as they are, three as the gain times the crown
-    to_shown = np.zeros((6, 4))
-    to_shown[0, 0] = to_shown[1, 1] = to_shown[2, 2] = 1.0
-    to_shown[3:, 3] = -crown
-    normal, right = to_shown.T @ known @ to_shown, to_shown.T @ known @ shown
-    normal[3, 3] += GAIN_SIGMA**-2
-    right[3] += GAIN_SIGMA**-2 * GAIN
-    covariance = np.asarray(np.linalg.inv(normal))
-    at = covariance @ right
-    off = shown - to_shown @ at
-    # six numbers and the gain's prior, less four unknowns: 3 degrees of freedom
-    chi2 = float(off @ known @ off) + ((float(at[3]) - GAIN) / GAIN_SIGMA) ** 2
-    return (at, covariance) if chi2 <= FLAT_CHI2 else None
+        for i in range(49):
+            normal[i // 7, i % 7] = 0.0
+        for k in range(len(weights)):
+            add_point(gel_mm[k, 0], gel_mm[k, 1], tops_mm[k], kept[k], normal)
+        # over the tops' variance, as are all rows: the inverse has to be multiplied by it
+        prior = (error_mm / BENT_SIGMA) ** 2
+        for i in range(3):
+            normal[3 + i, 3 + i] += prior
+            normal[3 + i, 6] += prior * believed[i]
+        solve(normal)
+        seen = 0
+        for k in range(len(weights)):
+            x, y = gel_mm[k, 0], gel_mm[k, 1]
+            level = normal[0, 6] + normal[1, 6] * x + normal[2, 6] * y
+            off[k] = tops_mm[k] - level - normal[3, 6] * x * x / 2.0 - normal[4, 6] * y * y / 2.0 - normal[5, 6] * x * y
+            if weights[k] > 0.0:
+                apart[seen] = abs(off[k])
+                seen += 1
+        # the median of an absolute normal variable is 0.674 sigma
+        error_mm = clip(median(apart[:seen]) / 0.674, LEAST_ERROR_MM, np.inf)
+        for k in range(len(weights)):
+            kept[k] = weights[k] / (1.0 + (off[k] / (FAR * error_mm)) ** 2) ** 2
+    return error_mm

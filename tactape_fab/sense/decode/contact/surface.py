@@ -15,7 +15,7 @@ from tactape_fab.sense.decode.contact.layer import force_on
 from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, LEAST_BEND, MOST_CROWN, Plane, dome_of, fit_plane, level_of, terms
 from tactape_fab.sense.decode.dots.detect import coarseness
 from tactape_fab.sense.decode.dots.filters import Image
-from tactape_fab.sense.decode.grid.posterior import eliminate
+from tactape_fab.sense.decode.grid.second_order import add_point, solve
 from tactape_fab.sense.geometry import Camera, Gel
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
@@ -302,7 +302,7 @@ class ContactSurface:
         """The indentation over a frame's zero, and its standard deviation; mm."""
         gel_mm, _, weights = self._tops
         # the surface's terms at the weighted middle of the tops: a height there is a product with the fitted coefficients
-        row = terms(((weights @ gel_mm) / weights.sum())[None])[0]
+        row = terms((weights @ gel_mm) / weights.sum())
         found = (float(row @ plane.shown) - zero[0]) / plane.gain
         variance = float(row @ plane.shown_variance @ row) + zero[1] ** 2
         return found, sqrt(variance + (INDENTATION_SHARE * found) ** 2)
@@ -408,21 +408,11 @@ def taken(
     if count == 0.0:
         return np.inf, np.inf
     u_mean, v_mean = u_sum / count, v_sum / count
-    # least squares of a second-order surface, 6 x 7 with the right side last; the seventh row is memory for the terms of a dot
-    terms_of = normal[6]
     for k in range(len(dots_px)):
         if agree[k]:
-            x, y, weight = dots_px[k, 0] - u_mean, dots_px[k, 1] - v_mean, min(heights[k], 1.0) ** 2
-            terms_of[0], terms_of[1], terms_of[2], terms_of[3], terms_of[4] = 1.0, x, y, x * x / 2.0, y * y / 2.0
-            terms_of[5], terms_of[6] = x * y, tops[k]
-            for i in range(6):
-                for j in range(i, 7):
-                    normal[i, j] += weight * terms_of[i] * terms_of[j]
+            add_point(dots_px[k, 0] - u_mean, dots_px[k, 1] - v_mean, tops[k], min(heights[k], 1.0) ** 2, normal)
     for i in range(6):
         # a ridge, as dots may be few or in a line
         normal[i, i] = normal[i, i] * (1.0 + 1e-9) + 1e-9
-        for j in range(i):
-            normal[i, j] = normal[j, i]
-    for i in range(6):
-        eliminate(normal, i, len(normal) - 1)
+    solve(normal)
     return u_mean, v_mean

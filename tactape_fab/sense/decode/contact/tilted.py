@@ -43,6 +43,7 @@ SLIGHT_MM = 190.0
 """A slight tilt that is not taken off moves the position by its slope times this, times the draw over the area of the dots. Of
 0201 that is 5 um at 0.7 degrees and 0.5 N, 2.5 um at 1 to 3 N, 1 where the image is full of dots (elastic simulator, seed 21)."""
 _HEIGHT_PRIORS = np.diag([1e-9, *(HEIGHT_ERROR / np.repeat((SLOPE, BEND, TWIST), (2, 3, 4))) ** 2])
+_FACTORS = np.array([[1.0], [1.0], [1.0], [0.5], [1.0], [0.5], [1 / 6], [0.5], [0.5], [1 / 6]])
 _DERIVATIVES = np.array([[1, 3, 4, 6, 7, 8], [2, 4, 5, 7, 8, 9]])
 FLOOR = 0.2
 """Lower limit of the fitted pressure, over that of full dots."""
@@ -103,7 +104,7 @@ def tilted_pose(
             return replace(pose, covariance=pose.covariance + np.outer(slight, slight)), offset_px, False
     # of the height 1 - w that a dot misses only a share counts (`RELIABLE`), as far as the contact is tilted
     detected = weights
-    weights = 1.0 - (1.0 - weights) * (1.0 - share + share * np.clip((RELIABLE - weights) / STEEPNESS, LOW, 1.0))
+    weights = 1.0 - (1.0 - weights) * (1.0 - share + share * np.minimum(np.maximum((RELIABLE - weights) / STEEPNESS, LOW), 1.0))
     weights = np.where(border_mm < BORDER_MM, np.minimum(weights, AT_BORDER), weights)
     drawn = share * view.px_per_mm * _drawn_mm(_relative_slopes(heights, offset_px / view.px_per_mm), pose, view)
     along_parts = None if view.part is None else drawn_px(view.part, heights, offset_px, texture_mm, view.px_per_mm)
@@ -111,29 +112,26 @@ def tilted_pose(
         seen_px = seen_px + along_parts.shift_px
     # `settled`'s correction is taken back as far as the contact counts as tilted, the draw of the pressure taken off instead
     places = offset_px + share * (seen_px - offset_px) - drawn
-    moved = _flat(places, slope, bend, view)
-    unsure_px = DRAWN_SIGMA * drawn
+    # positions on the flat film, and what is unsure of them: the bend's parameters, or the length of the slope
+    laid = _upright(places, np.outer((1.0, 1.0 + unsure), slope)) if bend is None else _laid(places, bend, view)
+    moved, unsure_px = laid[0], DRAWN_SIGMA * drawn
     found = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs, unsure_px=unsure_px)
-    if found.fitted is None or not (found.finite and 0.0 < found.sigma_mm < inf):
+    if found.fitted is None or found.used is None or not (found.finite and 0.0 < found.sigma_mm < inf):
         return pose, offset_px, False
-    # remaining uncertainties: a share of the correction, a lean of the tops, and the parameters of the bend
-    left = [DRAWN_ERROR * drawn, np.broadcast_to(LEAN_MM * view.px_per_mm * slope, drawn.shape)]
-    if bend is not None:
-        left += [_flat(places, slope, other, view) - moved for other in bend.unsure]
-        left.append(_flat(places, slope, bend, view, USUAL_PART_MM if view.part is None else UNSTRETCHED_MM) - moved)
-    else:
-        left.append(_upright(places, (1.0 + unsure) * slope) - moved)
-    # changes of the pose by one standard deviation of an uncertain amount: their outer products are added to the covariance
-    changes = np.vstack([found.fitted.changes(np.array(left)[:, found.used] / view.px_per_mm), slight])
+    # changes of the pose by one standard deviation of an uncertain amount, as which a share of the draw and a lean of the tops
+    # count, too: their outer products are added to the covariance
+    left = np.empty((len(laid) + 1, *moved.shape))
+    left[0], left[1], left[2:] = DRAWN_ERROR * drawn, LEAN_MM * view.px_per_mm * slope, laid[1:] - moved
+    changes = np.vstack([found.fitted.changes(left.take(found.used, 1) / view.px_per_mm), slight])
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
     count = float(pose.agree.sum())
     # without drawn tops the tape is flat, under a dome or none, or a film that is bent all the same
     undrawn, undrawn_px, not_drawn = pose, offset_px, 0.0
     if not film:
         if bend is not None:
-            laid_px = _flat(offset_px, slope, bend, view)
-            laid = fit_pose(laid_px, texture_mm, detected, view.px_per_mm, view.beliefs)
-            undrawn, undrawn_px = (laid, laid_px) if laid.finite else (pose, offset_px)
+            flat_px = _laid(offset_px, bend, view)[0]
+            flat = fit_pose(flat_px, texture_mm, detected, view.px_per_mm, view.beliefs)
+            undrawn, undrawn_px = (flat, flat_px) if flat.finite else (pose, offset_px)
         not_drawn = _share_not_drawn(found.sigma_mm, undrawn.sigma_mm, count)
     # the variance of a dot, a weighted mean of the frame's and of the prior's, over the frame's
     own = max((count + USUAL_DOTS * (USUAL_MM / found.sigma_mm) ** 2) / (count + USUAL_DOTS), 1.0)
@@ -176,19 +174,22 @@ def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
     return 1.0 / (1.0 + exp(min(odds, 700.0)))
 
 
-def _flat(seen_px: FloatArray, slope: FloatArray, bend: Bend | None, view: View, more_mm: float = 0.0) -> FloatArray:
-    """Positions on the flattened film, from the image centre, square pixels; (n, 2)."""
-    if bend is None:
-        return _upright(seen_px, slope)
-    part_mm = USUAL_PART_MM if view.part is None else view.part.body_mm[2]
-    return bend.unrolled(seen_px / view.px_per_mm, part_mm + more_mm) * view.px_per_mm
+def _laid(seen_px: FloatArray, bend: Bend, view: View) -> FloatArray:
+    """Positions on the flattened film, from the image centre, square pixels, as `Bend.unrolled` has them; (5, n, 2)."""
+    part_mm, error_mm = (USUAL_PART_MM, USUAL_PART_MM) if view.part is None else (view.part.body_mm[2], UNSTRETCHED_MM)
+    return bend.unrolled(seen_px / view.px_per_mm, part_mm, error_mm) * view.px_per_mm
 
 
-def _upright(seen_px: FloatArray, slope: FloatArray) -> FloatArray:
-    """Positions as on an untilted tape: the foreshortening by the cosine of the tilt along the slope is removed."""
-    square = float(slope @ slope)
+def _upright(seen_px: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Positions as on an untilted tape: the foreshortening by the cosine of the tilt along the slope is removed.
+
+    seen_px (n, 2); slopes (k, 2)
+    Returns: (k, n, 2), for each slope.
+    """
+    squares = (slopes * slopes).sum(axis=1)
     # seen from above a tape of slope g is shorter along g by cos = 1 / sqrt(1 + g^2); g g^T / g^2 projects on that direction
-    return seen_px + ((sqrt(1.0 + square) - 1.0) / square) * (seen_px @ slope)[:, None] * slope
+    longer = (np.sqrt(1.0 + squares) - 1.0) / squares
+    return np.asarray(seen_px + (longer[:, None] * (slopes @ seen_px.T))[:, :, None] * slopes[:, None])
 
 
 def _drawn_mm(slopes: FloatArray, pose: Pose, view: View) -> FloatArray:
@@ -211,14 +212,14 @@ def _drawn_by_slope_mm2(view: View) -> FloatArray:
 
 def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:
     """Slopes of the pressure at the dots over the pressure, 1/mm, by a third-order surface through their heights; (n, 2)."""
-    x, y = (at_mm - at_mm.mean(axis=0)).T
-    xx, xy, yy, rows = x * x / 2, x * y, y * y / 2, np.empty((10, len(heights)))
-    for row, term in zip(rows, (1.0, x, y, xx, xy, yy, x * xx / 3, xx * y, x * yy, y * yy / 3), strict=True):
-        row[:] = term
-    shares = heights / max(float(np.sort(heights)[3 * len(heights) // 4]), 1e-300)
-    known, level = rows[:, shares > 0.0], shares[shares > 0.0]
+    rows, shares = np.empty((10, len(heights))), heights / max(float(np.sort(heights)[3 * len(heights) // 4]), 1e-300)
+    rows[0], rows[1:3] = 1.0, (at_mm - at_mm.mean(axis=0)).T
+    rows[3:5], rows[5] = rows[1] * rows[1:3], rows[2] * rows[2]
+    rows[6:9], rows[9] = rows[1] * rows[3:6], rows[2] * rows[5]
+    rows *= _FACTORS
+    known = rows * (shares > 0.0)
     # ridge regression; the constant's prior is only there so that no matrix is singular
-    surface = np.linalg.solve(known @ known.T + _HEIGHT_PRIORS, known @ level)
+    surface = np.linalg.solve(known @ known.T + _HEIGHT_PRIORS, known @ shares)
     # d/du and d/dv of a row are rows of one order less
     slopes = surface[_DERIVATIVES] @ rows[:6]
     return np.asarray((slopes / np.maximum(surface @ rows, FLOOR)).T)

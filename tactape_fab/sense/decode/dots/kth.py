@@ -1,8 +1,11 @@
-"""The k-th smallest of some values without sorting them all."""
+"""The k-th smallest of some values, and their median, without sorting them all."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from tactape_fab.base.jit import inner_kernel
+from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.texture.frames import FloatArray
 
 
@@ -32,3 +35,18 @@ def select(values: FloatArray, k: int) -> float:
         else:
             break
     return float(values[k])
+
+
+@inner_kernel()
+def median(values: FloatArray) -> float:
+    """The median of some values, which are put into another order; NaN of none."""
+    n = len(values)
+    if n == 0:
+        return np.nan
+    upper = select(values, n // 2)
+    if n % 2 == 1:
+        return float(upper)
+    lower = values[0]
+    for i in range(1, n // 2):
+        lower = clip(lower, values[i], np.inf)
+    return float(0.5 * (lower + upper))

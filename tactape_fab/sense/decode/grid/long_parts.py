@@ -16,7 +16,7 @@ import numpy as np
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.kth import select
-from tactape_fab.sense.decode.grid.posterior import eliminate
+from tactape_fab.sense.decode.grid.second_order import add_point, solve
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart, is_long
 
@@ -96,10 +96,9 @@ def _draw(
 
     Returns the parts' direction in the image; zeros where too few heights are known, and nothing is shifted.
 
-    `ordered` and `normal` are work buffers.
+    `ordered` and `normal` (7, 7), zero before, are work buffers.
     """
-    # normal is 6 x 7, with the right side in the last column; its seventh row is only memory for the terms of a dot
-    n, terms, share = len(heights), normal[6], 1.0 / len(heights)
+    n, share = len(heights), 1.0 / len(heights)
     u = v = x = y = cos = sin = 0.0
     for i in range(n):
         ordered[i] = heights[i]
@@ -113,23 +112,15 @@ def _draw(
         cos, sin = cos + p * s + q * t, sin + q * s - p * t
         if heights[i] > least > 0.0:
             whole += 1
-            p, q = p / px_per_mm, q / px_per_mm
-            terms[0], terms[1], terms[2], terms[3], terms[4] = 1.0, p, q, p * p / 2.0, q * q / 2.0
             # ln of the product of body and pressure is a sum: the slope of ln of the heights is the pressure's relative slope, in
             # 1/mm. The unit of the heights is absorbed by the constant term
-            terms[5], terms[6] = p * q, np.log(heights[i] / least)
-            for j in range(6):
-                for k in range(j, 7):
-                    normal[j, k] += terms[j] * terms[k]
+            add_point(p / px_per_mm, q / px_per_mm, np.log(heights[i] / least), 1.0, normal)
     if whole < LEAST_WHOLE:
         return 0.0, 0.0
     for j in range(1, 6):
         # ridge regression: the variance of a height over that of the coefficient's prior
         normal[j, j] += (HEIGHT_ERROR / (SLOPE if j < 3 else BEND)) ** 2
-        for k in range(j):
-            normal[j, k] = normal[k, j]
-    for j in range(6):
-        eliminate(normal, j, len(normal) - 1)
+    solve(normal)
     length = np.sqrt(cos * cos + sin * sin)
     along_u, along_v = (cos * np.cos(psi) - sin * np.sin(psi)) / length, (sin * np.cos(psi) + cos * np.sin(psi)) / length
     for i in range(n):

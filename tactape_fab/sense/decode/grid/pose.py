@@ -9,7 +9,7 @@ import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.dots.clip import clip
-from tactape_fab.sense.decode.dots.kth import select
+from tactape_fab.sense.decode.dots.kth import median
 from tactape_fab.sense.decode.grid.beliefs import Beliefs
 from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, Fitted, posterior
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
@@ -156,15 +156,7 @@ def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArr
         if weights[i] > 0.0:
             ordered[n] = np.sqrt(squares[i])
             n += 1
-    if n == 0:
-        return np.nan
-    upper = select(ordered[:n], n // 2)
-    if n % 2 == 1:
-        return float(upper)
-    lower = ordered[0]
-    for i in range(1, n // 2):
-        lower = clip(lower, ordered[i], np.inf)
-    return float(0.5 * (lower + upper))
+    return float(median(ordered[:n]))
 
 
 @inlined_kernel()

@@ -45,13 +45,13 @@ def test_a_film_is_laid_flat(off_mm: float) -> None:
     centre = 8.0 * asin(-off_mm / 8.23)  # arc under the image's centre
     seen = np.outer(8.23 * np.sin(arcs / 8.0) + off_mm, ACROSS) + np.outer(along, ALONG)
     expected = np.outer(arcs - centre, ACROSS) + np.outer(along, ALONG)
-    assert round_a_cylinder(8.23, off_mm).unrolled(seen, 0.23) == pytest.approx(expected, abs=1e-9)
+    assert round_a_cylinder(8.23, off_mm).unrolled(seen, 0.23, 0.0)[0] == pytest.approx(expected, abs=1e-9)
 
 
 def test_along_its_axis_a_tape_is_tilted_as_a_flat_one() -> None:
     bend = round_a_cylinder(8.23, 0.0, along=tan(radians(10.0)))
-    assert bend.unrolled(2.0 * ALONG[None], 0.23)[0] == pytest.approx(2.0 / cos(radians(10.0)) * ALONG)
-    assert bend.slope == pytest.approx(tan(radians(10.0)) * ALONG)
+    assert bend.unrolled(2.0 * ALONG[None], 0.23, 0.0)[0, 0] == pytest.approx(2.0 / cos(radians(10.0)) * ALONG)
+    assert bend.slopes[0] == pytest.approx(tan(radians(10.0)) * ALONG)
 
 
 def surface_of(radius_mm: float, off_mm: float, middle_mm: float) -> FloatArray:
@@ -71,7 +71,7 @@ def test_the_circle_is_found_in_the_contact(off_mm: float, middle_mm: float, way
     sign = float(np.sign(bend.across @ ACROSS))
     assert sign * bend.across == pytest.approx(ACROSS)
     assert (way * bend.curvature, way * sign * bend.sine) == pytest.approx((-1.0 / 8.23, off_mm / 8.23))
-    assert bend.slope == pytest.approx(way * tan(asin(off_mm / 8.23)) * ACROSS)
+    assert bend.slopes[0] == pytest.approx(way * tan(asin(off_mm / 8.23)) * ACROSS)
     drop_mm = (8.23**2 - off_mm**2) ** 0.5 - (8.23**2 - (middle_mm - off_mm) ** 2) ** 0.5
     assert bend.height_mm(middle_mm * ACROSS) == pytest.approx(way * drop_mm)
 
@@ -101,14 +101,25 @@ def test_what_is_flat_or_bent_about_two_axes_is_not_unrolled(surface: tuple[floa
 
 def test_errors_of_the_slope_and_the_curvature_are_those_that_are_said() -> None:
     bend = replace(round_a_cylinder(8.0, 4.0), middle_mm=-1.0)
-    angled, curved, leaning = bend.unsure
-    assert asin(angled.sine - angled.curvature) - asin(5.0 / 8.0) == pytest.approx(0.002, rel=1e-2)
-    assert (curved.curvature, curved.sine) == pytest.approx((-1.0 / 8.0 + 0.003, 0.5 + 0.003))
-    assert (leaning.along, leaning.sine) == (0.001, bend.sine)
+    as_it_is, angled, curved, leaning = bend.circles.tolist()
+    assert as_it_is == [0.5, -1.0 / 8.0, 0.0]
+    assert asin(angled[0] - angled[1]) - asin(5.0 / 8.0) == pytest.approx(0.002, rel=1e-2)
+    assert curved == pytest.approx([0.5 + 0.003, -1.0 / 8.0 + 0.003, 0.0])
+    assert leaning == [0.5, -1.0 / 8.0, 0.001]
     assert not bend.on_flank
     assert round_a_cylinder(4.0, 4.1).on_flank
     # 72 degrees are reached at 7.6 mm, and 0.2 mm before by the error of the curvature
     assert round_a_cylinder(8.0, 7.45).on_flank and not round_a_cylinder(8.0, 7.3).on_flank
+
+
+def test_places_and_slopes_that_are_unsure_are_those_of_the_other_circles_and_of_higher_tops() -> None:
+    bend = round_a_cylinder(8.0, 4.0, along=0.1)
+    seen = np.random.default_rng(3).uniform(-3.0, 3.0, (6, 2))
+    others = [replace(bend, sine=sine, curvature=bent, along=along) for sine, bent, along in bend.circles.tolist()]
+    alone = [other.unrolled(seen, 0.23, 0.0)[0] for other in others] + [bend.unrolled(seen, 0.29, 0.0)[0]]
+    assert bend.unrolled(seen, 0.23, 0.06) == pytest.approx(np.array(alone))
+    assert bend.slopes == pytest.approx(np.array([other.slopes[0] for other in others]))
+    assert np.abs(bend.unrolled(seen, 0.23, 0.06)[1:] - alone[0]).max(axis=(1, 2)).min() > 1e-4
 
 
 MINI = load_sensor("gelsight-mini")

@@ -79,7 +79,7 @@ def test_the_surface_is_a_robust_fit_by_the_tops_median_error(count: int) -> Non
     at, heights, _ = tops((0.03, -0.01))
     at, heights, weights = at[:count], heights[:count], np.linspace(0.0, 1.0, count)
     heights = heights + 0.01 * np.random.default_rng(4).standard_normal(count)
-    rows, kept, error = terms(at), weights, 0.005
+    rows, kept, error = np.array([terms(one) for one in at]), weights, 0.005
     for _ in range(3):
         by, believed = error / BENT_SIGMA, -GAIN * np.array([1 / CROWN_MM[0], 1 / CROWN_MM[1], 0.0])
         all_rows = np.vstack([np.sqrt(kept)[:, None] * rows, np.hstack([np.zeros((3, 3)), by * np.eye(3)])])
@@ -217,7 +217,8 @@ def test_tops_close_together_leave_the_curvature_to_the_gel_s_own() -> None:
     """0.4 mm wide they hardly show any, so that what was believed of it counts: it moves nothing that agrees with it."""
     at = np.array((3.0, -1.0)) + np.random.default_rng(2).uniform(-0.2, 0.2, (12, 2))
     shown = GAIN * np.array([0.3, 0.03, -0.02, -1 / CROWN_MM[0], -1 / CROWN_MM[1], 0.0])
-    assert plane_of(at, terms(at) @ shown, np.ones(12)).shown == pytest.approx(shown, abs=1e-6)
+    tops_mm = np.array([terms(one) @ shown for one in at])
+    assert plane_of(at, tops_mm, np.ones(12)).shown == pytest.approx(shown, abs=1e-6)
 
 
 def test_few_tops_or_tops_in_a_line_are_no_plane_to_be_sure_of() -> None:

@@ -26,9 +26,10 @@ from tactape_fab.sense.decode.contact.tilted import (
     WHOLLY,
     _drawn_by_slope_mm2,
     _drawn_mm,
-    _flat,
+    _laid,
     _relative_slopes,
     _share_not_drawn,
+    _upright,
     tilted_pose,
 )
 from tactape_fab.sense.decode.grid.beliefs import beliefs_of
@@ -212,9 +213,11 @@ def test_where_the_pressure_ends_slopes_are_over_a_share_of_full_dots(unit: floa
 def test_a_tilted_tape_is_longer_than_it_looks_along_its_slope(slope: FloatArray) -> None:
     along = slope / np.hypot(*slope)
     across = np.array([-along[1], along[0]])
-    upright = _flat(np.stack([2.0 * along, 2.0 * across, along - across]), slope, None, VIEW)
+    upright = _upright(np.stack([2.0 * along, 2.0 * across, along - across]), np.stack([slope, 1.5 * slope]))
+    longer = 1.0 / cos(np.arctan(0.75))
+    assert upright[1, 0] == pytest.approx(2.0 * longer * along)
     longer = 1.0 / cos(np.arctan(0.5))
-    assert upright == pytest.approx(np.stack([2.0 * longer * along, 2.0 * across, longer * along - across]))
+    assert upright[0] == pytest.approx(np.stack([2.0 * longer * along, 2.0 * across, longer * along - across]))
 
 
 BEND = Bend(
@@ -232,7 +235,7 @@ BEND = Bend(
 @pytest.mark.parametrize(("part", "film_mm"), [(SQUARE, 10.0 - 0.23), (None, 10.0 - USUAL_PART_MM)])
 def test_a_film_round_a_cylinder_is_as_long_as_under_its_parts(part: TapePart | None, film_mm: float) -> None:
     seen = np.array([[10.0 * sin(0.3), 1.0], [10.0 * sin(-0.2), -2.0]])
-    flat = _flat(R * seen, np.zeros(2), BEND, replace(VIEW, part=part)) / R
+    flat = _laid(R * seen, BEND, replace(VIEW, part=part))[0] / R
     assert flat == pytest.approx(np.array([[0.3 * film_mm, 1.0], [-0.2 * film_mm, -2.0]]))
 
 
