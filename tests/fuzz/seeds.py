@@ -18,7 +18,6 @@ import trimesh
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.templates import templates_folder
-from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.solids.surface.placements import COLUMNS
 from tactape_fab.texture.as_built_file import AS_BUILT_FORMAT
 from tactape_fab.texture.manifest import read_manifest
@@ -42,10 +41,6 @@ class Seeds:
     film: FilmManifest
     files: dict[str, WrittenFile]
     others: dict[str, bytes]
-
-    def placed_parts(self) -> Any:
-        """Content of the pick-and-place file."""
-        return read_cpl(self.files["cpl"].data)
 
 
 def make_seeds() -> Seeds:

@@ -34,7 +34,6 @@ from tests.panels import TWO, examined_panel, panel_of
 from tests.roundtrip.kits import OpenKit, exchanged, failed, flashes, map_points, moved, points, replaced, rows, text_of
 from tests.thorough import as_elsewhere, slow
 
-Panels = Callable[[str], PanelKit]
 Edit = Callable[[OpenKit], object]
 LETTERS = {(0, 1): "N", (0, -1): "S", (-1, 0): "W", (1, 0): "E"}
 """Symbols by the direction of the displacement on the board, y up."""

@@ -60,13 +60,13 @@ def _flexible(spec: TapeSpec, part: PartProfile) -> Iterator[str]:
         other, fab = spec.with_values(fab=name), load_fab(name)
         of_backings = ((spec.stiffener, fab.stiffener), (spec.adhesive, fab.adhesive))
         if spec.coverlay in (None, *fab.coverlay_modes) and all(given in (None, *has.choices) for given, has in of_backings):
-            options = film_remedy(other, fab_for(other, fab, part), part, _bridges(other, fab)).options()
+            options = film_remedy(other, fab_for(other, fab, part), part, _bridges(other)).options()
             if options is not None:
                 yield f"--fab {name} {options}".rstrip()
                 return
 
 
-def _bridges(spec: TapeSpec, fab: FabProfile) -> list[str]:
+def _bridges(spec: TapeSpec) -> list[str]:
     """The rule of bridges, where the coverlay is opened by part as asked for."""
     return [] if spec.coverlay in (None, "gang") else ["opening-bridge"]
 

@@ -131,7 +131,7 @@ class _Drawing:
         starts = [self._vertex(a) for a, _, _ in pieces]
         for k, (a, b, arc) in enumerate(pieces):
             cuts = sorted(self._cuts_of_side(a, b) if arc is None else self._cuts_of_arc(arc, hole=False))
-            self._chain(starts[k], starts[(k + 1) % len(pieces)], arc, cuts, wall=k, hole=False)
+            self._chain(starts[k], starts[(k + 1) % len(pieces)], arc, cuts, wall=k)
         self._walls = len(pieces)
 
     def _hole_edges(self) -> None:
@@ -177,12 +177,12 @@ class _Drawing:
                     self._cross(axis, line, point, vertex, into=upper == hole)
                     yield turned, vertex
 
-    def _chain(self, start: int, end: int, arc: Arc | None, cuts: list[tuple[float, int]], wall: int, *, hole: bool) -> None:
-        """Add the edges from start to end through the cuts, all of one wall."""
+    def _chain(self, start: int, end: int, arc: Arc | None, cuts: list[tuple[float, int]], *, wall: int) -> None:
+        """Add the edges of the outline from start to end through the cuts, all of one wall."""
         a = 0.0 if arc is None else arc.start_rad
         for b, vertex in [*cuts, (0.0 if arc is None else arc.end_rad, end)]:
             piece = None if arc is None else Arc(centre_mm=arc.centre_mm, radius_mm=arc.radius_mm, start_rad=a, end_rad=b)
-            self.edges.append(MapEdge(start=start, end=vertex, arc=piece, wall=wall, hole=hole))
+            self.edges.append(MapEdge(start=start, end=vertex, arc=piece, wall=wall))
             start, a = vertex, b
 
     def _spans(self, axis: int, line: int) -> list[tuple[float, int, float, int]]:

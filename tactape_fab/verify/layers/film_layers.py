@@ -88,7 +88,7 @@ def read_film_record(table: Fields) -> FilmRecord:
         mode=fab.choice("coverlay_mode", COVERLAY_MODES),
         anchor=_anchor(table) if "anchor" in table.values else None,
         backings=backings,
-        job_in_zip=fab.flag("job_in_zip") if "job_in_zip" in fab.values else True,
+        job_in_zip=fab.flag("job_in_zip"),
         frame_mm=fab.table("limits_mm").number("opening-edge", low=0.0, high=_MOST_MM),
         forced=frozenset(str(row.get("rule")) for row in forced if isinstance(row, Mapping)),
         broken=frozenset(f"{row.get('rule')}: {row.get('message')}" for row in forced if isinstance(row, Mapping)),

@@ -78,7 +78,7 @@ def check_order_notes(
     facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
     paths = {file.path for file in files.values()}
-    old = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]  # notes of version 0.2.0 and before
+    old = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]  # notes of version 0.1.0
     listed = old or text.partition("\nSTEP 1. ")[2].partition("\nSTEP 10. ")[0]
     problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     if film is not None and film.order is not None and not old:

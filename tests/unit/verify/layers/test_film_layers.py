@@ -196,10 +196,10 @@ def test_the_record_of_a_film_is_read() -> None:
         "pad_edge_mm": 0.3,
         "hole_copper_mm": 0.2,
     }
-    fab = {"coverlay_mode": "lpi", "limits_mm": {"opening-edge": 0.4}}
+    fab = {"coverlay_mode": "lpi", "limits_mm": {"opening-edge": 0.4}, "job_in_zip": False}
     full = Fields(
         {
-            "fab": fab | {"job_in_zip": False},
+            "fab": fab,
             "anchor": plan,
             "adhesive": "3M468 0.13",
             "forced": [{"rule": "pad-edge", "message": "near"}],
@@ -214,7 +214,7 @@ def test_the_record_of_a_film_is_read() -> None:
         forced=frozenset({"pad-edge"}),
         broken=frozenset({"pad-edge: near"}),
     )
-    bare = read_film_record(Fields({"fab": fab}))
+    bare = read_film_record(Fields({"fab": fab | {"job_in_zip": True}}))
     assert (bare.anchor, bare.backings, bare.job_in_zip, bare.forced) == (None, {}, True, frozenset())
     wrong = Fields({"fab": fab, "stiffener": "FR4 0.2 mm"})
     read_film_record(wrong)

@@ -18,7 +18,6 @@ from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE, nees, pose_error, tape_of
 from tests.thorough import slow
 
-PART_MM = TAPE.part.body_mm[2]
 NO_VARIANCE = np.zeros((5, 5))
 TURN = radians(20.0)
 ACROSS, ALONG = np.array([cos(TURN), sin(TURN)]), np.array([-sin(TURN), cos(TURN)])
