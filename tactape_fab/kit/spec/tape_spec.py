@@ -197,7 +197,7 @@ class TapeSpec:
 
     def to_mapping(self) -> dict[str, Any]:
         """Every option in its final form, for the manifest; a path of a profile is reduced to the file's name."""
-        values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) not in _LEFT_OUT}
+        values = {key: _plain(value) for key, value in asdict(self).items() if key not in _LEFT_OUT or value != DEFAULTS[key]}
         return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
 
     @property
@@ -218,8 +218,8 @@ class TapeSpec:
         )
 
 
-_LEFT_OUT = (("directions", USUAL_DIRECTIONS), ("sim", False), ("mark", None))
-"""Options that a manifest contains only if they differ from these values, as older versions did not have them."""
+_LEFT_OUT = ("directions", "sim", "mark")
+"""Options that a manifest contains only if they differ from their defaults, as older versions did not have them."""
 PROFILE_KEYS = ("fab", "part", "process")
 KEYS = tuple(f.name for f in fields(TapeSpec))
 DEFAULTS = {f.name: f.default for f in fields(TapeSpec) if f.default is not MISSING}

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tactape_fab import Tape, TapeSpec, make_kit, verify_kit
+from tactape_fab.kit.spec.tape_spec import KEYS
 from tactape_fab.verify.spec_record import contradictions
 
 FILM = TapeSpec(
@@ -37,6 +38,12 @@ OF_PRINT: dict[str, object] = {
     **{"process": "fdm", "mark": False, "cylinder_mm": 25.0, "around": "y", "shell": "whole"},
     **{"body_mm": [0.6, 0.6, 0.2], "dome_top_mm": 0.2},
 }
+ALONE = {"x2", "sim", "models", "bend_axis", "bend_radius_mm"}
+"""Options of which nothing else in a manifest says anything."""
+
+
+def test_every_option_is_compared_or_stands_alone() -> None:
+    assert {*OTHER, *OF_FILM, *OF_PRINT} | ALONE == set(KEYS), "enter another value of it, or its name in ALONE"
 
 
 @pytest.fixture(scope="module")
