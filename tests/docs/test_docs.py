@@ -68,22 +68,24 @@ def test_reference_names_every_option(name: str) -> None:
     for parameter in command(name).params:
         for option in parameter.opts:
             if option.startswith("--"):
-                assert f"`{option}" in reference or f"[{option}]" in reference, option
+                assert f"`{option}" in reference or f"[{option}]" in reference, f"name {option} in docs/reference.md"
 
 
 def test_reference_names_every_key_role_and_rule(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES), *LATER, *LIMIT_IDS, *PROCESS_LIMIT_IDS]:
-        assert f"`{name}`" in reference, name
+        assert f"`{name}`" in reference, f"name {name} in docs/reference.md"
 
 
 def test_profiles_that_come_with_the_package_are_named() -> None:
     page = {name: (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("reference.md", "localization.md")}
     (part,) = (option.help for option in command("make").params if isinstance(option, Option) and "--part" in option.opts)
-    assert f"; {', '.join(solid_elements())} are solid elements" in str(part)
+    assert f"; {', '.join(solid_elements())} are solid elements" in str(part), "name it in the help of --part"
     assert f"; {', '.join(f'`{name}`' for name in solid_elements())} are solid elements" in page["reference.md"]
-    assert all(f"`{name}`, " in page["reference.md"] for name in profile_names("processes"))
-    assert all(f"`{name}`" in page["localization.md"] for name in profile_names("sensors"))
+    for name in profile_names("processes"):
+        assert f"`{name}`, " in page["reference.md"], f"name {name} in docs/reference.md"
+    for name in profile_names("sensors"):
+        assert f"`{name}`" in page["localization.md"], f"name {name} in docs/localization.md"
 
 
 def test_reference_says_how_much_of_a_solid_the_report_shows() -> None:

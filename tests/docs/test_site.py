@@ -193,7 +193,9 @@ def test_manifests_of_every_kind_fit_the_schema(name: str, schema: Any, tmp_path
 
 
 def test_the_schema_has_every_code(schema: Any) -> None:
-    assert tuple(schema.schema["$defs"]["tape"]["properties"]["code"]["enum"]) == ALL_CODE_NAMES
+    assert tuple(schema.schema["$defs"]["tape"]["properties"]["code"]["enum"]) == ALL_CODE_NAMES, (
+        "name the codes in docs/manifest.schema.json, in the order of CODES"
+    )
 
 
 def test_kits_panels_and_embossed_parts_fit_it(schema: Any, small_kit: Kit, panel_2: PanelKit, tmp_path: Path) -> None:

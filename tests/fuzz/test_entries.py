@@ -64,7 +64,7 @@ def quiet(capfd: pytest.CaptureFixture[str]) -> Iterator[None]:
 
 
 def test_all_entry_points_are_tried(entries: dict[str, Entry]) -> None:
-    assert set(entries) == set(NAMES)
+    assert set(entries) == set(NAMES), "enter the name in NAMES"
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -67,7 +67,7 @@ def asked(args: str) -> dict[str, Any]:
 
 
 def test_every_code_is_advised_on_and_bodies_are_those_of_0201() -> None:
-    assert tuple(code.name for code in CODES) == ALL_CODE_NAMES
+    assert tuple(code.name for code in CODES) == ALL_CODE_NAMES, "enter it in CODES of advise/model.py, in the order of codes"
     assert read_part("r0201").body_mm[2] == model.BODY_MM
 
 
@@ -420,7 +420,7 @@ def test_a_tape_longer_than_a_code_reaches_is_not_advised_in_it() -> None:
 
 def test_each_code_with_and_without_its_manifest() -> None:
     found = {of["code"]: of for of in asked("--contact 6.1")["codes"]}
-    assert list(found) == [*ALL_CODE_NAMES[:3], "trace-22", TOUCH_CODE, "touch-2"]
+    assert tuple(found) == ALL_CODE_NAMES
     alone = {name: of["without_manifest_mm"] for name, of in found.items()}
     assert {name for name, mm in alone.items() if mm is None} == {"anoto-6x6", TOUCH_CODE, "touch-2"}
     known = {name: of["least_contact_mm"] for name, of in found.items()}

@@ -70,7 +70,7 @@ def test_a_wrong_value_is_named_by_its_option(
         at = words.index("--sector" if name == "--jobs" else name)
         del words[at : at + 2]
     result = CliRunner().invoke(main, [*words, name, *[WRONG] * (not option.is_flag)], prog_name="tactape-fab")
-    assert (result.exit_code, result.stdout) == (2, ""), result.exception
+    assert (result.exit_code, result.stdout) == (2, ""), f"refuse {name} {WRONG}, or enter it in FREE: {result.exception}"
     said = [text for text in result.stderr.splitlines() if text.startswith("error: ")]
     assert [text for text in said if name in text or text.startswith(f"error: {WRONG} ")], said
     assert [text for text in said if any(piece in text for piece in SENTENCES)] == []

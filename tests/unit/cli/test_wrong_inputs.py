@@ -41,7 +41,7 @@ WRONG = {
     "make --sector 7 -o .": "-o = . is no name for a kit; give a folder",
     "check --sector 7 --fab jlcpcb": "did you mean 'jlcpcb-fpc'?",
     "check --sector 7 --part Dome": "did you mean 'dome'?",
-    "check --sector 7 --part 0805": "chips that come with it are c0201, r01005, r0201, r0402",
+    "check --sector 7 --part 0805": "chips that come with it are c0201, ",
     "check --sector 7 --code anoto": "did you mean 'anoto-6x6'?",
     "check nowhere.toml": "nowhere.toml cannot be opened",
     "verify nowhere": "nowhere is no kit: there is no such file; give the folder of a kit or its manifest.json",
