@@ -148,6 +148,8 @@ CHANGES = {
     "courtyard of no number": (replaced("(start -0.7 -0.35)", "(start nan -0.35)", 1), "'nan' stands where a number should"),
     "value elsewhere": (replaced('value "0R" (at 0 0', 'value "0R" (at nan 0', 1), "'nan' stands where a number should"),
     "area of no number": (lambda t: re.sub(r"(gr_poly \(pts \(xy )", r"\1+", t, count=1), "stands where a number should"),
+    "word for a row of layers": (replaced('(0 "F.Cu" signal)', "0"), "'0' stands in no row of its layers"),
+    "empty list in what is foreign": (added_to_r1("(tag ())"), "footprint with tag"),
     "a word for a list": (lambda t: t.rstrip()[:-1] + " zone)", "'zone' stands in no list"),
     "cut off": (lambda t: t[: len(t) // 2], "cut off"),
     "empty": (lambda t: "", "no board of KiCad"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import named
+from tactape_fab.base.fields import counted, named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
@@ -18,7 +18,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.film_layers import without_counterpart
-from tactape_fab.verify.layers.kicad_drawn import Alike, At, Made, child, drawn_problems, layer_of, rules_problems, values
+from tactape_fab.verify.layers.kicad_drawn import Alike, At, Made, child, drawn_problems, layer_of, only, rules_problems, values
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded
 
 _IDENTIFIERS = ("tstamp", "uuid")
@@ -40,6 +40,14 @@ _TEXTS: dict[str, Sequence[int]] = {
     "layers": range(1, 99),
 }
 """Places of words that KiCad takes in quotes, by the name of their list. It refuses a board with others: "need a number"."""
+_ROW = "row of layers"
+_WORDS = {
+    **dict.fromkeys(("footprint", "layer", "gr_text", "width", "thickness", "drill", "roundrect_rratio"), range(1, 2)),
+    **dict.fromkeys(("solder_mask_margin", "pad_to_mask_clearance"), range(1, 2)),
+    **dict.fromkeys(("start", "mid", "end", "size", "xy", "aux_axis_origin", "grid_origin", "fp_text"), range(2, 3)),
+    **{"at": range(2, 4), "pad": range(3, 4), _ROW: range(2, 4)},
+}
+"""How many words and numbers stand between the name of a list and the first list in it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,12 +136,13 @@ def check_kicad(files: Mapping[str, WrittenFile], shown: Shown, made: Made) -> l
 def _read_board(tree: Tree) -> _Board:
     if tree[:1] != ("kicad_pcb",):
         raise ReadbackError("it does not begin with kicad_pcb")
+    _refuse_malformed(tree)
     lists: dict[str, list[Tree]] = {}
     for item in tree[1:]:
         if isinstance(item, str):
             raise ReadbackError(f"{quoted(item)} stands in no list")
         lists.setdefault(str(item[0]), []).append(item)
-    (setup,) = lists.get("setup", [()])
+    setup = only(lists, "setup")
     x0_mm, y0_mm = values(setup, "aux_axis_origin")
     at: dict[str, At] = {}
     alike: dict[tuple[object, ...], Alike] = {}
@@ -143,7 +152,10 @@ def _read_board(tree: Tree) -> _Board:
         for item in footprint[2:]:
             differs = item[0] == "at" or (item[0] == "fp_text" and item[1] == "reference")
             (own if differs else others).append(item)  # type: ignore[arg-type]
-        ((name, words),) = ((str(item[2]), item[3:]) for item in own if item[0] == "fp_text")
+        references = [(str(item[2]), item[3:]) for item in own if item[0] == "fp_text"]
+        if len(references) != 1:
+            raise ReadbackError(f"footprint {len(at) + 1} has {len(references)} references, not one")
+        ((name, words),) = references
         x_mm, y_mm, *turn_deg = values(own, "at")
         # y of a sheet points down; the auxiliary origin is the board's lower left corner. Angles are counter-clockwise in both
         at[name] = (x_mm - x0_mm, y0_mm - y_mm, turn_deg[0] if turn_deg else 0.0)
@@ -156,11 +168,47 @@ def _read_board(tree: Tree) -> _Board:
     return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, alike=[*alike.values()], pads=pads)
 
 
+def _refuse_malformed(tree: Tree) -> None:
+    """Refuse a list without a name, or with another number of words than KiCad gives it. Raises ReadbackError.
+
+    Lists of which a board or a footprint must have none are passed over: `_unexpected` names them.
+    """
+    known = {"kicad_pcb": (*_SETTINGS, *_DRAWN_ON, "footprint", "segment"), "footprint": _OF_A_FOOTPRINT}
+    left: list[tuple[Tree, tuple[Tree, ...]]] = [(tree, ())]
+    seen: set[int] = set()
+    while left:
+        inner, around = left.pop()
+        if not inner or isinstance(inner[0], tuple):
+            raise ReadbackError(f"a list without a name stands in {_way_to(around)}")
+        name = _ROW if around and around[-1][0] == "layers" else inner[0]
+        words = next((k for k, item in enumerate(inner[1:]) if isinstance(item, tuple)), len(inner) - 1)
+        if (usual := _WORDS.get(name)) is not None and words not in usual:
+            said = f"{counted(words, 'word', 'words')}, not {' or '.join(map(str, usual))}"
+            raise ReadbackError(f"{_way_to((*around, inner))} begins with {said}")
+        inside = known.get(inner[0])
+        for item in inner:
+            # equal lists of the file are one object
+            if isinstance(item, tuple) and id(item) not in seen:
+                seen.add(id(item))
+                if inside is None or not item or isinstance(item[0], tuple) or item[0] in inside:
+                    left.append((item, (*around, inner)))
+
+
+def _way_to(lists: Sequence[Tree]) -> str:
+    """Names of lists one in the other, for a message: ``at of pad of footprint R7``."""
+    names = []
+    for tree in lists:
+        of = [item[2] for item in tree[1:] if item[:2] == ("fp_text", "reference") and len(item) > 2]
+        names.append(" ".join([quoted(str(tree[0])), *(quoted(str(name)) for name in of[:1])]))
+    return " of ".join(reversed(names[1:] or names))
+
+
 def _misquoted(tree: Tree) -> list[str]:
     """Numbers and words of KiCad in quotes."""
     left, seen, wrong = [tree], set[int](), dict[str, None]()
     while left:
-        inner = left.pop()
+        if not (inner := left.pop()):  # of a list that is not looked into
+            continue
         # rows of the table of layers begin with a number
         places = _TEXTS.get("layers" if str(inner[0]).isdigit() else str(inner[0]), ())
         for k, item in enumerate(inner):

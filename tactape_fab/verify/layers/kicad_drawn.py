@@ -129,7 +129,17 @@ def child(tree: Sequence[str | Tree], name: str) -> Tree:
     """The one list of this name in a list."""
     found = [item for item in tree if item and item[0] == name and isinstance(item, tuple)]
     if len(found) != 1:
-        raise ReadbackError(f"a {quoted(tree[0] if tree else '')} has {len(found)} times {name}")
+        # lists of a footprint come without its name
+        of = tree[0] if tree and isinstance(tree[0], str) else "footprint"
+        raise ReadbackError(f"a {quoted(of)} has {len(found)} times {name}")
+    return found[0]
+
+
+def only(lists: Mapping[str, Sequence[Tree]], kind: str) -> Tree:
+    """The one list of a kind in a board."""
+    found = lists.get(kind, ())
+    if len(found) != 1:
+        raise ReadbackError(f"it has {len(found)} times {kind}")
     return found[0]
 
 
@@ -152,13 +162,16 @@ def layer_of(tree: Tree) -> str:
 
 def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
     """Check thickness, title, layers, nets and notes."""
-    (general,), (title,), (layers,), (setup,) = (lists.get(kind, [()]) for kind in ("general", "title_block", "layers", "setup"))
+    general, title, layers, setup = (only(lists, kind) for kind in ("general", "title_block", "layers", "setup"))
     (thickness_mm,) = values(general, "thickness")
     problems = []
     if len(general) != 2 or not isclose(thickness_mm, made.tape.board.thickness_mm, abs_tol=1e-6):
         problems.append(f"it is {thickness_mm:g} mm thick, not {made.tape.board.thickness_mm:g}")
     if child(title, "title")[1:] != (made.name,):
         problems.append("its title is not the kit's name")
+    for row in layers[1:]:
+        if isinstance(row, str):
+            raise ReadbackError(f"{quoted(row)} stands in no row of its layers")
     # a KiCad board has at least two copper layers; the second one of a film stays empty
     copper = sorted(str(row[1]) for row in layers[1:] if row[2:3] != ("user",))
     if copper != ["B.Cu", "F.Cu"] or any(row[2] != "signal" for row in layers[1:] if row[1] in copper):
@@ -193,7 +206,9 @@ def _footprint_problem(some: Alike, made: Made) -> str | None:
     if tuple(child(inner, "attr")[1:]) != _ATTRIBUTES.get(kind):
         return "other attributes"
     if kind == "H":
-        (pad,) = (item for item in inner if item[0] == "pad")
+        if len(pads := some.pads) != 1:
+            return "more or fewer than one pad"
+        pad = pads[0]
         # an unplated hole is a pad as large as its drill, so that no copper remains
         right = child(pad, "layers")[1:] == ("*.Cu", "*.Mask") and values(pad, "size") == values(pad, "drill") * 2
         return None if right else "another pad"

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactape_fab.kit.read.gerber_file import ReadbackError
 from tactape_fab.kit.read.s_expression import read_s_expression
 from tactape_fab.verify.layers.kicad import Shown, _fiducials, _outline, _read_board, sides_of
-from tactape_fab.verify.layers.kicad_drawn import rules_problems
+from tactape_fab.verify.layers.kicad_drawn import child, rules_problems
 
 MARK = '(pad "" smd circle (at 0 0) (size 1 1) (layers "F.Cu" "F.Mask") (solder_mask_margin 0.5))'
 BOARD = f"""(kicad_pcb (setup (aux_axis_origin 20 40))
@@ -63,6 +64,34 @@ def test_outline_and_fiducials_are_the_manifest_s(old: str, new: str, says: str)
     found = _read_board(read_s_expression(BOARD.replace(old, new, 1).encode(), ()))
     problems = [*_fiducials(found, SHOWN), *_outline(found, SHOWN)]
     assert bool(problems) == bool(says) and says in "; ".join(problems)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (MARK, "()", "a list without a name stands in 'footprint' 'FID1'"),
+        (MARK, "((pad))", "a list without a name stands in 'footprint' 'FID1'"),
+        (MARK, "(pad)", "'pad' of 'footprint' 'FID1' begins with 0 words, not 3"),
+        ("(at 0 0) (size", "(at 0) (size", "'at' of 'pad' of 'footprint' 'FID1' begins with 1 word, not 2 or 3"),
+        ("(size 1 1)", "(size (1) 1)", "'size' of 'pad' of 'footprint' 'FID1' begins with 0 words, not 2"),
+        ("(at 23 37)", "(at 23 37 0 0)", "'at' of 'footprint' 'FID1' begins with 4 words, not 2 or 3"),
+        ("(start 21 40)", "(start)", "'start' of 'gr_line' begins with 0 words, not 2"),
+        ("(end 49 40)", "()", "a list without a name stands in 'gr_line'"),
+        ("(gr_line", "() (gr_line", "a list without a name stands in 'kicad_pcb'"),
+        ("(gr_line", "(layers (0)) (gr_line", "'0' of 'layers' begins with 0 words, not 2 or 3"),
+        ('(fp_text reference "FID2" (at 0 0))', "", "footprint 2 has 0 references, not one"),
+        ("(setup", "(setup) (setup", "it has 2 times setup"),
+    ],
+)
+def test_an_element_that_is_cut_short_is_named(old: str, new: str, says: str) -> None:
+    with pytest.raises(ReadbackError) as caught:
+        _read_board(read_s_expression(BOARD.replace(old, new, 1).encode(), ()))
+    assert str(caught.value) == says
+
+
+def test_a_list_of_a_footprint_that_is_missing_is_said_to_be_a_footprint_s() -> None:
+    with pytest.raises(ReadbackError, match=r"^a 'footprint' has 0 times attr$"):
+        child((("fp_text", "reference"), ("pad", "1")), "attr")
 
 
 def test_a_board_without_fiducials_has_none() -> None:
