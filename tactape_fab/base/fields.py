@@ -260,7 +260,9 @@ class Fields:
         value = self.values.get(key)
         if not isinstance(value, Mapping):
             what = f"{key} = {shown(value)} is not a table" if key in self.values else f"{key} is missing"
-            self.problem(key, f"{what}; give a table of that name")
+            message = f"{what}; give a table of that name"
+            if Problem(self.where + key, self.where + message) not in self.problems:  # several readers may ask for one table
+                self.problem(key, message)
             value = {}
         table = Fields(value, f"{self.where}{key}.", self.problems)
         if known is not None:

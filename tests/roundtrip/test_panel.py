@@ -312,6 +312,15 @@ def test_a_broken_manifest_is_a_clear_answer(content: str, panel_2: PanelKit, co
         read_tapes([folder])
 
 
+@pytest.mark.parametrize("place", ["", "tapes/tactape-s008"])
+def test_a_missing_table_of_a_manifest_is_named_once(place: str, panel_2: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
+    folder = copied(panel_2) / place
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps({key: value for key, value in manifest.items() if key != "spec"}))
+    (check,) = verify_kit(folder, quick=True).checks
+    assert check.message == "spec is missing; give a table of that name"
+
+
 @pytest.mark.parametrize("gone", ["tapes/tactape-s008/manifest.json", "gerber/panel.gtl", "assembly/panel-cpl.csv"])
 def test_a_missing_file_is_named(gone: str, panel_2: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
     folder = copied(panel_2)

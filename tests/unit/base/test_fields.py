@@ -159,6 +159,14 @@ def test_a_table_that_is_none(value: Any) -> None:
     assert messages(table) == [f"a = {value!r} is not a table"]
 
 
+def test_a_table_that_several_readers_miss_is_one_problem() -> None:
+    table = Fields({"a": {}})
+    for _ in range(2):
+        table.table("b")
+        table.table("a").table("b")
+    assert [p.key for p in table.problems] == ["b", "a.b"]
+
+
 def test_lists_have_a_length_limit() -> None:
     table = Fields({"a": [1, 2, 3], "b": "abc"})
     assert table.rows("a", longest=3) == [1, 2, 3]
