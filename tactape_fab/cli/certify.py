@@ -11,7 +11,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import size, workers_of, workers_option
-from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
+from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_shown, table_lines
 
 if TYPE_CHECKING:
     from tactape_fab.texture.certify.certificate import Certificate, Closest
@@ -81,7 +81,9 @@ def tapes_to_certify(
     from tactape_fab.texture.registry import labels, read_registered
 
     if kits:
-        entries = read_registered(kits, as_built)
+        again: list[str] = []
+        entries = read_registered(kits, as_built, again=again)
+        echo_lines_err([f"note: {line}" for line in again])
         return [e.tape for e in entries], labels(entries)
     if "code" not in options:
         message = "--size has no effect without --code" if options else "nothing to certify is given"

@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.certify import proven_lines
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import workers_of, workers_option
-from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
+from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_shown, table_lines
 
 if TYPE_CHECKING:
     from tactape_fab.texture.certify.kits import Registry
@@ -48,7 +48,9 @@ def registry(kits: Sequence[str], workers: str | None, as_json: bool, pack: str 
             return
         from tactape_fab.texture.certify.kits import registry as read_registry
 
-        result = read_registry(kits, step_shown(), workers=workers_of(workers, 1))
+        again: list[str] = []
+        result = read_registry(kits, step_shown(), workers=workers_of(workers, 1), again=again)
+        echo_lines_err([f"note: {line}" for line in again])
         echo_json(result.to_mapping()) if as_json else echo_lines(registry_lines(result))
 
 
@@ -59,7 +61,9 @@ def _packed(kits: Sequence[str], path: Path, overwrite: bool) -> list[str]:
     from tactape_fab.texture.registry import read_registered
 
     refuse_taken_place(path, "--pack", overwrite=overwrite, ours=is_packed, kind="no packed registry")
-    entries = read_registered(kits)
+    again: list[str] = []
+    entries = read_registered(kits, again=again)
+    echo_lines_err([f"note: {line}" for line in again])
     data = pack([entry.tape for entry in entries], [entry.fab for entry in entries])
     write_file(path, data, "--pack", overwrite=overwrite)
     return [f"{len(entries)} {'tape' if len(entries) == 1 else 'tapes'} in {path}, {len(data)} bytes; give it as --tape {path}"]

@@ -133,12 +133,18 @@ def certified(
     )
 
 
-def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None, *, workers: Workers = 1) -> Registry:
-    """Read the kits at the given paths, and compare every two; `workers` as for `certified`.
+def registry(
+    paths: Sequence[str | Path],
+    progress: Progress = lambda *_: None,
+    *,
+    workers: Workers = 1,
+    again: list[str] | None = None,
+) -> Registry:
+    """Read the kits at the given paths, and compare every two; `workers` as for `certified`, `again` as for `read_registered`.
 
     Raises SpecError with every problem of the paths.
     """
-    entries = read_registered(paths)
+    entries = read_registered(paths, again=again)
     tapes, names = [e.tape for e in entries], labels(entries)
     windows = _across_all(tapes, progress, workers)
     found = conflicts(tapes, names, windows[0])

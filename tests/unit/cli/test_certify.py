@@ -70,6 +70,16 @@ def test_registry_lists_tapes_and_conflicts(shelf: Path, default_kit: Kit) -> No
     assert "no conflicts" in alone and "least number" not in alone
 
 
+def test_a_kit_that_is_given_again_is_not_compared_with_itself(shelf: Path) -> None:
+    note = "note: shelf/seven/manifest.json is shelf/seven, and taken once\n"
+    for command in ("certify", "registry", "registry --pack twice.registry"):
+        once = run(f"{command.replace('twice', 'once')} shelf/seven")
+        twice = run(f"{command} shelf/seven shelf/seven/manifest.json")
+        assert (twice.exit_code, twice.stderr) == (0, note)
+        assert twice.stdout.replace("twice", "once") == once.stdout
+    assert run("certify shelf shelf/seven").stderr == "note: shelf/seven is given again, and taken once\n"
+
+
 def test_large_registries_are_printed_by_their_nearest_tapes() -> None:
     tapes = [tape_at(s, (12, 8)) for s in range(20)]
     result = certified(tapes)
