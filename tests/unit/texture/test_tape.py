@@ -18,9 +18,11 @@ from hypothesis import strategies as st
 
 from tactape_fab import Kit, Tape, TapeSpec
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
 from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.texture.manifest import MANIFEST_FORMAT, find_manifest, read_manifest
+from tactape_fab.texture.tape import DEFAULT_PITCH_MM, read_pitch, refuse_no_tapes
 from tests.measured import measured
 from tests.tapes import tape_at
 from tests.unit.base.test_fields import JSON
@@ -305,6 +307,25 @@ def test_each_limit_from_both_sides(path: tuple[str, ...], within: list[Any], be
         assert Tape.from_mapping(mapping).to_mapping() == mapping
     for value in beyond:
         assert names(refused_keys(reaching(path, value)), path)
+
+
+def test_the_last_sector_of_a_code_is_read() -> None:
+    mapping = {"format": "tactape-manifest/1", **tape_at(255, (6, 5)).to_mapping()}
+    assert Tape.from_mapping(mapping).sector == 255
+
+
+@pytest.mark.parametrize(("pitch_mm", "passed"), [(0.2, True), (0.1999, False), (20.0, True), (20.001, False)])
+def test_w_that_is_asked_for_is_from_0_2_to_20_mm(pitch_mm: float, passed: bool) -> None:
+    table = Fields({"w": pitch_mm})
+    assert read_pitch(table, "w") == (pitch_mm if passed else DEFAULT_PITCH_MM)
+    assert bool(table.problems) is not passed
+
+
+@pytest.mark.parametrize("values", [[tape_at(7, (6, 5)), 3], ["kit"], "kit", None, 7], ids=repr)
+def test_a_list_with_what_is_no_tape_is_refused(values: object) -> None:
+    refuse_no_tapes((tape_at(7, (6, 5)),), "avoid")
+    with pytest.raises(SpecError, match=r"^avoid = .* is no list of tapes; give \[Tape.load\(KIT\), ...\]$"):
+        refuse_no_tapes(values, "avoid")
 
 
 def test_a_board_has_10_000_holes_at_most() -> None:

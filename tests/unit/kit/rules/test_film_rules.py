@@ -67,6 +67,11 @@ def test_a_rigid_board_is_not_bent() -> None:
     assert "bend_radius_mm" not in problems(bend_radius_mm=20.0, bend_axis="x")
     said = problems(load_fab("generic-fr4"), bend_radius_mm=20.0, bend_axis="x")["bend_radius_mm"]
     assert said.startswith("bend_radius_mm = 20 mm contradicts fab = 'generic-fr4'")
+    assert said.endswith(", or use --fab generic-fpc")
+    by_coverlay = {"lpi": ", or use --fab generic-lpi", "gang": ", or use --fab generic-fpc"}
+    for coverlay, ways in by_coverlay.items():
+        asked = problems(load_fab("generic-fr4"), bend_radius_mm=20.0, bend_axis="x", coverlay=coverlay)
+        assert asked["bend_radius_mm"].endswith(ways)
 
 
 def test_a_mesh_needs_parts_along_the_diagonals() -> None:

@@ -29,6 +29,7 @@ from tactape_fab.kit.rules.remedies import (
     texture_remedy,
     wider_words,
 )
+from tactape_fab.kit.spec.scatter import least_displacement_mm
 from tests.unit.kit.film.test_coverlay import box, brute_gap_mm
 from tests.unit.kit.test_plan import FAB, PART, rectangle, turned
 
@@ -109,7 +110,7 @@ def test_w_is_the_least_that_meets_every_rule() -> None:
     assert remedy().options() == ""
 
 
-@pytest.mark.parametrize(("pitch_mm", "options"), [(1.5, ""), (1.50049, ""), (1.50051, "--w 1.501 --delta 0.25")])
+@pytest.mark.parametrize(("pitch_mm", "options"), [(1.5, ""), (1.5005, ""), (1.50051, "--w 1.501 --delta 0.25")])
 def test_a_rule_is_met_down_to_half_a_micrometre_below_it(pitch_mm: float, options: str) -> None:
     assert remedy(at_least(pitch_mm)).options() == options
 
@@ -157,6 +158,14 @@ def test_a_smaller_delta_is_the_largest_that_does(factor: float, more_mm: float,
     assert found == largest
     if found is not None:
         assert factor * found + more_mm <= 1.5005 < factor * (found + 0.001) + more_mm
+
+
+@pytest.mark.parametrize(("placed", "largest"), [(False, 0.3), (True, None)])
+def test_of_eight_directions_placed_parts_need_a_delta_that_their_scatter_leaves(placed: bool, largest: float | None) -> None:
+    spec = SPEC.with_values(pitch_mm=2.0, displacement_mm=0.4, code="touch-1", directions=8)
+    assert least_displacement_mm() == 0.34
+    assert replace(remedy(least_of_delta(6.65), spec=spec), placed=placed).smaller() == largest
+    assert replace(remedy(least_of_delta(5.5), spec=spec), placed=placed).smaller() == 0.363
 
 
 def test_no_delta_below_the_least_share_of_w_is_named() -> None:

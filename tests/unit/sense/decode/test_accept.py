@@ -281,6 +281,13 @@ def test_enough_dots_must_lie_on_the_tape(place: Place) -> None:
     assert (fix.located, fix.reason, explained) == (False, "too few dots lie on a tape", False)
 
 
+def test_dots_without_a_pose_are_not_located(monkeypatch: pytest.MonkeyPatch, place: Place) -> None:
+    nowhere = replace(POSE_OF, covariance=np.full((3, 3), np.inf))
+    monkeypatch.setattr(accept, "fit_pose", lambda *_, **__: nowhere)
+    fix, explained = judged(replace(place, score=99.0, others=0.0), LEAST_DOTS)
+    assert (fix.located, fix.reason, explained) == (False, "the dots give no pose", False)
+
+
 def test_dots_beside_the_tape_may_be_those_of_another(monkeypatch: pytest.MonkeyPatch, place: Place) -> None:
     monkeypatch.setattr(accept, "rivals", lambda *_, **__: FOUND)
     fix, explained = judged(replace(place, score=99.0), LEAST_DOTS - 1, 0.01)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -182,6 +182,8 @@ def test_parts_that_no_contact_shows_are_missing_and_no_other(tmp_path: Path) ->
     said = set(found.number[~found.present].tolist())
     assert said <= gone
     assert len(said) >= 4
+    for of_a_part in (found.dx_mm, found.dy_mm, found.sigma_mm, found.rotation_deg):
+        assert not of_a_part[~found.present].any()
 
 
 def test_a_dot_that_is_far_off_does_not_count() -> None:
@@ -365,6 +367,22 @@ def test_files_of_different_scales_are_refused(tmp_path: Path, monkeypatch: pyte
         with pytest.raises(SpecError) as caught:
             survey_files(["a.npz", "b.npz"], tmp_path)
         assert ("sensors with different px/mm; survey them one by one" in str(caught.value)) != same
+
+
+def test_files_are_surveyed_with_the_sensor_at_their_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text(json.dumps({"format": "tactape-manifest/1", **small_tape().to_mapping()}))
+    monkeypatch.setattr("tactape_fab.sense.survey.survey.open_frames", lambda *_: [Frames([], (12.0, 13.0))])
+    monkeypatch.setattr("tactape_fab.sense.survey.survey._surveyed", lambda *given: given)
+    tape, file, profile, files, robot, _, workers = cast(Any, survey_files(["a.npz"], tmp_path, workers=2))
+    assert (tape.name, tape.as_built, file, robot, workers) == (small_tape().name, None, manifest, [], 2)
+    assert profile.px_per_mm == (12.0, 13.0) and files == [Frames([], (12.0, 13.0))]
+
+
+def test_measured_places_are_named_as_the_option_that_gave_them(tmp_path: Path) -> None:
+    with pytest.raises(SpecError) as caught:
+        survey_files(["a.npz"], tmp_path, inspected="as_built = 1.json")
+    assert any(problem.message.startswith("inspected = as_built = 1.json ") for problem in caught.value.problems)
 
 
 def test_a_hand_eye_is_that_of_the_tape(tmp_path: Path) -> None:

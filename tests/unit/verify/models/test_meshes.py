@@ -171,3 +171,8 @@ CPL = SimpleNamespace(designators=NAMES, xy_mm=PLACES)
 def test_each_line_names_what_is_wrong(line: str, others: dict[str, Any], says: str) -> None:
     check = models(TAPES["block"], **others)[line]
     assert check.passed == (not says) and says in check.message, check.message
+
+
+def test_places_that_are_not_compared_have_no_error() -> None:
+    check = models(TAPES["block"], cpl=SimpleNamespace(designators=("C1", *NAMES[1:]), xy_mm=PLACES))["step-assembly"]
+    assert (check.passed, check.figure) == (False, 0.0)

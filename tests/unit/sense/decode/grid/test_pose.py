@@ -311,6 +311,7 @@ def test_neighbours_that_push_each_other_add_no_error() -> None:
 def finite_or_open(pose: Pose) -> bool:
     """A pose with numbers and a proper covariance, or none at all."""
     assert pose.finite == bool(np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all())
+    assert (pose.position_mm.shape, pose.covariance.shape, pose.camera.shape) == ((2,), (3, 3), (2, 3))
     if np.isfinite(pose.position_mm).all():
         return bool(np.isfinite(pose.covariance).all() and (np.linalg.eigvalsh(pose.covariance) > 0).all())
     return bool(np.isinf(pose.covariance).any() and np.isnan(pose.theta_rad))
