@@ -16,7 +16,7 @@ from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _off_sca
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.rank import Reading
-from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, MISREAD_SHARE, SCALE_ERROR, Limits
+from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, MISREAD_SHARE, MOST_ACROSS, SCALE_ERROR, Limits
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import PlanePlace
 from tactape_fab.sense.decode.search.rivals import Rivals
@@ -279,6 +279,19 @@ def test_enough_dots_must_lie_on_the_tape(place: Place) -> None:
     assert is_near(fix, (9.0, 9.0), 0.0, 2e-3, 0.05)
     fix, explained = judged(sure, LEAST_DOTS - 1)
     assert (fix.located, fix.reason, explained) == (False, "too few dots lie on a tape", False)
+
+
+@pytest.mark.parametrize(("rotation_deg", "says"), [(45.0, "135 deg"), (0.0, "90 deg"), (90.0, "0 deg"), (135.0, "45 deg")])
+def test_parts_that_lie_across_have_a_rotation_of_their_own(
+    rotation_deg: float, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tape = replace(TAPE, part=replace(TAPE.part, rotation_deg=rotation_deg))
+    found = Dots(xy_px=np.zeros((6, 2)), weights=np.ones(6), trust=np.ones(6), elongation=np.zeros((6, 2)))
+    for ratio, lies in ((-MOST_ACROSS, False), (-MOST_ACROSS - 0.01, True)):
+        monkeypatch.setattr(accept, "parity_log_ratio", lambda *_, said=ratio: said)
+        reason = accept._across(found, POSE_OF, tape)
+        assert (reason is not None and reason.endswith(f"with a rotation of {says}")) if lies else reason is None
+    assert accept._across(found, POSE_OF, None) is None
 
 
 def test_dots_without_a_pose_are_not_located(monkeypatch: pytest.MonkeyPatch, place: Place) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tactape_fab.kit.read.gerber_file import ReadbackError
 from tactape_fab.kit.read.s_expression import read_s_expression
-from tactape_fab.verify.layers.kicad import Shown, _fiducials, _outline, _read_board, sides_of
+from tactape_fab.verify.layers.kicad import Shown, _fiducials, _outline, _read_board, _tracks, sides_of
 from tactape_fab.verify.layers.kicad_drawn import child, rules_problems
 
 MARK = '(pad "" smd circle (at 0 0) (size 1 1) (layers "F.Cu" "F.Mask") (solder_mask_margin 0.5))'
@@ -97,6 +97,29 @@ def test_a_list_of_a_footprint_that_is_missing_is_said_to_be_a_footprint_s() -> 
 def test_a_board_without_fiducials_has_none() -> None:
     found = _read_board(read_s_expression(BOARD[: BOARD.index("(footprint")].encode() + b")", ()))
     assert _fiducials(found, replace(SHOWN, fiducials_mm=())) == []
+
+
+TRACK = '(segment (start 23 37) (end 25 38.5) (width 0.1) (layer "F.Cu") (net 0))'
+
+
+@pytest.mark.parametrize(
+    ("track", "passed"),
+    [
+        (TRACK, True),
+        (TRACK.replace("(start 23 37) (end 25 38.5)", "(start 25 38.5) (end 23 37)"), True),
+        (TRACK.replace("23 37", "23.02 37"), False),
+        (TRACK.replace("25 38.5", "25 38.52"), False),
+        (TRACK.replace("width 0.1", "width 0.12"), False),
+        (TRACK.replace("F.Cu", "B.Cu"), False),
+        (TRACK * 2, False),
+        ("", False),
+    ],
+)
+def test_tracks_are_the_anchors(track: str, passed: bool) -> None:
+    """Of an origin at 20, 40 on the sheet, whose y points down, the line is from 3, 3 to 5, 1.5 mm."""
+    found = _read_board(read_s_expression(f"{BOARD[:-1]}{track})".encode(), ()))
+    shown = replace(SHOWN, tracks_mm=np.array([[(3.0, 3.0), (5.0, 1.5)]]))
+    assert (_tracks(found, shown) == []) is passed
 
 
 LIMITS_MM = {"pad-pad": 0.1, "pad-edge": 0.3, "hole-copper": 0.2, "hole-hole": 0.5, "hole-size": 0.25}
