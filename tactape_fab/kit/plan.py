@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor
 
 import numpy as np
@@ -150,7 +150,8 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
     Raises CapacityError if the grid exceeds the code's range.
     """
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg)
-    return _plan(spec, film_claim(spec, fab, part), tape_part, fab.material.thickness_mm, avoid)
+    tape = _plan(spec, film_claim(spec, fab, part), tape_part, fab.material.thickness_mm, avoid)
+    return replace(tape, board=replace(tape.board, flexible=fab.bend is not None))
 
 
 def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] | None = ()) -> Tape:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tactape_fab.base.fields import Fields
 
@@ -22,7 +22,8 @@ LEAST_BEND_THICKNESSES = 10.0
 class Board:
     """The film: outline, place of the texture on it, and its holes (board frame, mm).
 
-    ``holes`` are (x, y, diameter).
+    ``holes`` are (x, y, diameter). ``flexible`` is whether it can be bent, as the fab's profile says; None where no fab makes it,
+    or nothing is said. It is no part of a board's own record.
     """
 
     size_mm: tuple[float, float]
@@ -30,6 +31,7 @@ class Board:
     corner_radius_mm: float
     thickness_mm: float
     holes: tuple[tuple[float, float, float], ...] = ()
+    flexible: bool | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -279,7 +279,9 @@ def refuse_no_tapes(values: object, key: str) -> None:
 
 def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:
     values = (
-        (f.name, getattr(record, f.name)) for f in fields(record) if f.name != "top_mm" or getattr(record, f.name) is not None
+        (f.name, getattr(record, f.name))
+        for f in fields(record)
+        if f.name != "flexible" and (f.name != "top_mm" or getattr(record, f.name) is not None)
     )
     return {name: list(v) if isinstance(v, tuple) else v for name, v in values}
 
@@ -302,6 +304,14 @@ def read_displacement(table: Fields, key: str, pitch_mm: float, *, pitch_refused
     return usual if pitch_refused else found
 
 
+def _flexible(table: Fields) -> bool | None:
+    """Whether the fab's material can be bent, where a manifest says it."""
+    found: object = table.values
+    for key in ("fab", "material", "flexible"):
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found if isinstance(found, bool) else None
+
+
 def _read_tape(table: Fields) -> Tape:
     code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
     sector = table.integer("sector", low=0, high=code.sectors - 1)
@@ -313,7 +323,7 @@ def _read_tape(table: Fields) -> Tape:
     # from W / 2 on, a part would be as near to a neighbouring grid point as to its own
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
     directions = read_directions(table, code)
-    board = read_board(table.table("board"))
+    board = replace(read_board(table.table("board")), flexible=_flexible(table))
     part = read_part(table.table("part"))
     if "tag" not in table.values:
         table.problem("tag", "tag is missing; give a table, or null for a tape without one")

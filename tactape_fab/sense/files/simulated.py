@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,14 +22,13 @@ from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_fol
 from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, load_sensor
-from tactape_fab.sense.simulation.arguments import edge_problems
+from tactape_fab.sense.simulation.arguments import bend_problems, edge_problems
 from tactape_fab.sense.simulation.draw import Frame, iterate_frames
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.parts import Parts, built_parts_of, parts_from_cpl
 from tactape_fab.sense.simulation.scene import Scene, blur_of
 from tactape_fab.sense.simulation.view import FARTHEST_MM
 from tactape_fab.texture.as_built import NOMINAL, TAKE_DESIGN
-from tactape_fab.texture.board import LEAST_BEND_THICKNESSES
 from tactape_fab.texture.manifest import find_manifest, read_manifest, safe_path
 from tactape_fab.texture.tape import Tape
 
@@ -140,7 +138,8 @@ def simulate_file(
     parts = None if tape is None else tried(partial(_parts_from, source, tape, kit), problems)
     path = tried(lambda: refuse_taken_file(output), problems)
     if how is not None and how.contact == "strip" and tape is not None:
-        problems += _bend_problems(kit, tape, how.cylinder_radius_mm)
+        ways = "leave out --cylinder", "use --cylinder {:g}"
+        problems += bend_problems(tape, how.cylinder_radius_mm, "cylinder", *ways)
     refuse(problems)
     assert how is not None and profile is not None and tape is not None and path is not None
     poses = None if at is None else np.tile(at, (frames_count, 1))
@@ -178,20 +177,6 @@ def _recorded(kit: str | Path, *keys: str) -> object:
     for key in keys:
         found = found.get(key) if isinstance(found, Mapping) else None
     return found
-
-
-def _bend_problems(kit: str | Path, tape: Tape, radius_mm: float) -> list[Problem]:
-    """The problem of a cylinder round which no film is bent; printed elements are made round it."""
-    flexible = _recorded(kit, "fab", "material", "flexible")
-    if flexible is False:
-        message = f"cylinder = {radius_mm:g} mm contradicts the rigid board of {tape.name}; leave out --cylinder"
-        return [Problem("cylinder", message)]
-    thick_mm = tape.board.thickness_mm
-    least_mm = ceil(LEAST_BEND_THICKNESSES * thick_mm * 1000 - 1e-6) / 1000
-    if flexible is not True or radius_mm >= least_mm:
-        return []
-    of = f"{LEAST_BEND_THICKNESSES:g} times the {thick_mm:g} mm of its film, which bears no more"
-    return [Problem("cylinder", f"cylinder = {radius_mm:g} mm is below {least_mm:g} mm, {of}; use --cylinder {least_mm:g}")]
 
 
 def _scene(options: Mapping[str, Any]) -> Scene:
