@@ -78,11 +78,10 @@ def tapes_to_certify(
         raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))
     if as_built and not kits:
         raise SpecError(Problem("as-built", "--as-built says where the parts of a kit are, and none is given; name the kit"))
-    from tactape_fab.texture.registry import labels, read_registered
+    from tactape_fab.texture.registry import labels, read_registered, taken_once
 
     if kits:
-        again: list[str] = []
-        entries = read_registered(kits, as_built, again=again)
+        entries, again = taken_once(read_registered(kits, as_built))
         echo_lines_err([f"note: {line}" for line in again])
         return [e.tape for e in entries], labels(entries)
     if "code" not in options:

@@ -48,9 +48,8 @@ def registry(kits: Sequence[str], workers: str | None, as_json: bool, pack: str 
             return
         from tactape_fab.texture.certify.kits import registry as read_registry
 
-        again: list[str] = []
-        result = read_registry(kits, step_shown(), workers=workers_of(workers, 1), again=again)
-        echo_lines_err([f"note: {line}" for line in again])
+        result = read_registry(kits, step_shown(), workers=workers_of(workers, 1))
+        echo_lines_err([f"note: {line}" for line in result.again])
         echo_json(result.to_mapping()) if as_json else echo_lines(registry_lines(result))
 
 
@@ -58,11 +57,10 @@ def _packed(kits: Sequence[str], path: Path, overwrite: bool) -> list[str]:
     """Write the packed registry of some kits; returns lines about it."""
     from tactape_fab.base.output_file import refuse_taken_place, write_file
     from tactape_fab.texture.packed import is_packed, pack
-    from tactape_fab.texture.registry import read_registered
+    from tactape_fab.texture.registry import read_registered, taken_once
 
     refuse_taken_place(path, "--pack", overwrite=overwrite, ours=is_packed, kind="no packed registry")
-    again: list[str] = []
-    entries = read_registered(kits, again=again)
+    entries, again = taken_once(read_registered(kits))
     echo_lines_err([f"note: {line}" for line in again])
     data = pack([entry.tape for entry in entries], [entry.fab for entry in entries])
     write_file(path, data, "--pack", overwrite=overwrite)

@@ -79,32 +79,16 @@ def as_tapes(tapes: object) -> list[Tape]:
 
 
 def read_registered(
-    paths: str | Path | Sequence[str | Path],
-    as_built: str | Path | Sequence[str | Path] = (),
-    *,
-    again: list[str] | None = None,
+    paths: str | Path | Sequence[str | Path], as_built: str | Path | Sequence[str | Path] = ()
 ) -> list[Registered]:
     """The registry: kits, in the order given.
 
     paths: As for `read_tapes`.
     as_built: As for `read_tapes`.
-    again: Collects a note about each file that is given again, by another path or through a link, and is then taken once. None:
-        it is taken each time. A copy in a folder of its own is another kit.
     Raises SpecError: what is wrong with any of them, all together.
     """
     entries: list[Registered] = []
     problems: list[Problem] = []
-    first: dict[Path, Path] = {}
-
-    def is_again(file: Path, place: Path) -> bool:
-        key = file.resolve()
-        if again is None or key not in first:
-            first[key] = place
-            return False
-        known, this = shown_path(first[key]), shown_path(place)
-        again.append(f"{this} is given again, and taken once" if this == known else f"{this} is {known}, and taken once")
-        return True
-
     given = tried(lambda: _Measured([as_built] if isinstance(as_built, str | PathLike) else as_built), problems) or _Measured(())
     for given_path in [paths] if isinstance(paths, str | PathLike) or not isinstance(paths, Iterable) else paths:
         try:
@@ -112,7 +96,7 @@ def read_registered(
             if given_path == "":  # Path("") would be the current folder
                 raise SpecError(Problem("tape", "tape = '' is empty; give the path of a kit"))
             packed = is_packed(path)
-            if packed and not is_again(path, path):
+            if packed:
                 entries += [Registered(path=path, tape=tape, fab=fab) for tape, fab in read_packed(path)]
             places = [] if packed else _kits_at(path)
         except SpecError as error:
@@ -127,8 +111,6 @@ def read_registered(
                 problems.extend(Problem("tape", problem.message) for problem in error.problems)
                 continue
             try:
-                if is_again(file, place):
-                    continue
                 manifest = read_manifest(file)
                 fab = manifest.get("fab")
                 name = fab.get("name", "") if isinstance(fab, dict) else ""
@@ -139,6 +121,22 @@ def read_registered(
     problems += given.unused(entries)
     refuse(problems)
     return entries
+
+
+def taken_once(entries: Sequence[Registered]) -> tuple[list[Registered], list[str]]:
+    """The entries less those of a file that was read before, by another path or a link; and a note about each such path.
+
+    A copy of a kit in a folder of its own is another kit.
+    """
+    files = {path: (path / MANIFEST_NAME if path.is_dir() else path).resolve() for path in {entry.path for entry in entries}}
+    first: dict[object, Registered] = {}
+    notes: dict[str, None] = {}
+    for entry in entries:
+        known = first.setdefault((files[entry.path], entry.tape.name, entry.tape.sector, entry.tape.origin), entry)
+        if known is not entry:
+            here, there = shown_path(entry.path), shown_path(known.path)
+            notes[f"{here} is given again, and taken once" if here == there else f"{here} is {there}, and taken once"] = None
+    return [*first.values()], [*notes]
 
 
 class _Measured:

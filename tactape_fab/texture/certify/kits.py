@@ -13,7 +13,7 @@ import numpy as np
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.texture.certify.certificate import SIDES, Certificate, certify, proven_between
 from tactape_fab.texture.certify.pairs import BEYOND, Across, Conflict, across, conflicts
-from tactape_fab.texture.registry import Registered, labels, read_registered
+from tactape_fab.texture.registry import Registered, labels, read_registered, taken_once
 from tactape_fab.texture.tape import Tape
 
 MOST_IN_MATRIX = 256
@@ -44,12 +44,13 @@ class Certified:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registry:
-    """The tapes that a robot may touch, their names, distances and conflicts."""
+    """The tapes that a robot may touch, their names, distances and conflicts; and notes about kits that were given again."""
 
     entries: tuple[Registered, ...]
     names: tuple[str, ...]
     across: tuple[Across, ...]
     conflicts: tuple[Conflict, ...]
+    again: tuple[str, ...] = ()
 
     @property
     def tapes(self) -> list[Tape]:
@@ -133,22 +134,16 @@ def certified(
     )
 
 
-def registry(
-    paths: Sequence[str | Path],
-    progress: Progress = lambda *_: None,
-    *,
-    workers: Workers = 1,
-    again: list[str] | None = None,
-) -> Registry:
-    """Read the kits at the given paths, and compare every two; `workers` as for `certified`, `again` as for `read_registered`.
+def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None, *, workers: Workers = 1) -> Registry:
+    """Read the kits at the given paths, and compare every two; `workers` as for `certified`.
 
     Raises SpecError with every problem of the paths.
     """
-    entries = read_registered(paths, again=again)
+    entries, again = taken_once(read_registered(paths))
     tapes, names = [e.tape for e in entries], labels(entries)
     windows = _across_all(tapes, progress, workers)
     found = conflicts(tapes, names, windows[0])
-    return Registry(entries=tuple(entries), names=names, across=windows, conflicts=tuple(found))
+    return Registry(entries=tuple(entries), names=names, across=windows, conflicts=tuple(found), again=tuple(again))
 
 
 def _across_all(tapes: Sequence[Tape], progress: Progress, workers: Workers) -> tuple[Across, ...]:

@@ -14,7 +14,7 @@ from tactape_fab import Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.texture import registry
 from tactape_fab.texture.packed import pack
-from tactape_fab.texture.registry import as_tapes, labels, read_registered, read_tapes, refuse_equal_names
+from tactape_fab.texture.registry import as_tapes, labels, read_registered, read_tapes, refuse_equal_names, taken_once
 from tests.measured import measured
 from tests.tapes import tape_at
 
@@ -177,7 +177,7 @@ def test_a_label_has_its_path_where_a_name_is_not_enough(tmp_path: Path) -> None
     assert labels(read_registered(kits)) == (f"same ({kits[0]})", f"same ({kits[1]})", "other")
 
 
-def test_a_file_that_is_given_again_is_taken_once_where_that_is_asked_for(tmp_path: Path) -> None:
+def test_a_file_that_is_given_again_is_taken_once(tmp_path: Path) -> None:
     one, copy = kit(tmp_path / "one", 9), kit(tmp_path / "copy", 9)
     (tmp_path / "link").symlink_to(one)
     (tmp_path / "link.json").symlink_to(one / "manifest.json")
@@ -185,15 +185,15 @@ def test_a_file_that_is_given_again_is_taken_once_where_that_is_asked_for(tmp_pa
     file.write_bytes(pack([tape_at(7, (6, 5)), tape_at(8, (6, 5))], ["", ""]))
     (tmp_path / "link.registry").symlink_to(file)
     links = [one / "manifest.json", tmp_path / "link", tmp_path / "link.json"]
-    again: list[str] = []
-    found = read_registered([one, file, one, *links, copy, tmp_path / "link.registry"], again=again)
+    given = read_registered([one, file, one, *links, copy, tmp_path / "link.registry"])
+    assert len(given) == 10
+    found, again = taken_once(given)
     assert [(entry.path, entry.tape.sector) for entry in found] == [(one, 9), (file, 7), (file, 8), (copy, 9)]
     assert again == [
         f"{one} is given again, and taken once",
         *(f"{link} is {one}, and taken once" for link in links),
         f"{tmp_path / 'link.registry'} is {file}, and taken once",
     ]
-    assert len(read_registered([one, one])) == 2
 
 
 def test_one_path_needs_no_list(tmp_path: Path) -> None:
