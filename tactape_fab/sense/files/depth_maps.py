@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import lzma
+import os
 import warnings
 import zipfile
 import zlib
@@ -145,7 +146,9 @@ def open_frame_file(path: str | Path) -> FrameFile:
     with _refused(path):
         if suffix in PICTURES:
             return FrameFile(path=path, count=1, frame_shape=read_picture_header(path))
-        with _opened(path) as (_, header):
+        with _opened(path) as (stream, header):
+            if suffix == ".npy":
+                _refuse_more(stream, header)
             count, shape = _counted(header)
         if suffix == ".npy":
             return FrameFile(path=path, count=count, frame_shape=shape)
@@ -225,6 +228,14 @@ def read_array_header(stream: IO[bytes], name: str = "depth") -> ArrayHeader:
         raise ValueError(f"its shape is {shape}")
     # both orders are one for a single axis
     return ArrayHeader(shape=shape, fortran=fortran and len(shape) > 1, dtype=dtype)
+
+
+def _refuse_more(stream: IO[bytes], header: ArrayHeader) -> None:
+    """Refuse bytes behind the array of an .npy: frames that numpy.save appended to one file would be left out unsaid."""
+    more = os.fstat(stream.fileno()).st_size - stream.tell() - prod(header.shape) * header.dtype.itemsize
+    if more > 0:
+        held = f"{more} bytes follow its array of shape {shown(header.shape)}, as where numpy.save wrote several into one file"
+        raise SpecError(f"{held}; give one array of all frames, or the file on standard input of watch - --no-drop")
 
 
 def _counted(header: ArrayHeader) -> tuple[int, tuple[int, int]]:

@@ -138,6 +138,8 @@ BAD: dict[str, tuple[str, Callable[[], bytes], str]] = {
     "negative": (".npy", lambda: _array("<f4", "(-1, 240, 320)"), "cannot be read"),
     "code": (".npy", lambda: _header("{'descr': ((((("), "cannot be read"),
     "short": (".npy", lambda: _array("<f4", "(240, 320)") + bytes(99), "ends in"),
+    "appended": (".npy", lambda: 2 * (_array("<f4", "(2, 3)") + bytes(24)), "280 bytes follow its array of shape (2, 3)"),
+    "time first": (".npy", lambda: _array("<f8", "()") + bytes(8) + _array("<f4", "(2, 3)") + bytes(24), "shape (), as where"),
     "jpeg": (".png", lambda: b"\xff\xd8\xff\xe0" + bytes(99), "no PNG"),
     "8 bits": (".png", lambda: _png(np.uint8, 240, 320), "8 bits"),
     "colour": (".png", lambda: _png(np.uint16, 240, 320, 3), "3 channels"),
