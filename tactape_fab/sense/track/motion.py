@@ -171,7 +171,8 @@ def pose_of(fix: Localization, timestamp: float) -> Pose | None:
     if not fix.located or fix.position_mm is None or fix.theta_deg is None or fix.tape is None or fix.covariance is None:
         return None
     at = np.array([*fix.position_mm, radians(fix.theta_deg)])
-    return Pose(timestamp=timestamp, tape=fix.tape, at=at, covariance=fix.covariance, fix=fix, which=tape_named(fix)[1:])
+    covariance = fix.covariance.copy()  # the fix is the caller's, who may change its array, as to other units
+    return Pose(timestamp=timestamp, tape=fix.tape, at=at, covariance=covariance, fix=fix, which=tape_named(fix)[1:])
 
 
 def difference(new: FloatArray, old: FloatArray) -> FloatArray:

@@ -129,6 +129,17 @@ def test_a_contact_that_ended_in_a_slide_hides_no_slip_of_the_next(localizer: Lo
     assert kinds(jumped)[-2:] == [(4, "jump"), (5, "slip")]
 
 
+def test_a_fix_that_its_owner_changes_hides_no_slip(localizer: Localizer) -> None:
+    tracker = Tracker(localizer)
+    for k, x in enumerate((20.0, 20.0, 20.0, 31.0)):  # no part is in the last and the others: the slip is that of the poses
+        track = tracker.update_dots(at(x, 20.0), timestamp=0.2 * k)
+        assert track.fix.covariance is not None
+        track.fix.covariance[:] *= 1e9
+    assert track.slip is not None
+    assert track.slip.detected
+    assert track.slip.dots == 0
+
+
 def test_times_run_forward_and_a_refused_frame_changes_nothing(localizer: Localizer) -> None:
     tracker = Tracker(localizer)
     tracker.update_dots(at(30, 20), timestamp=5.0)
