@@ -5,10 +5,10 @@ from __future__ import annotations
 import atexit
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from math import cos, radians, sin
+from math import cos, isnan, radians, sin
 from numbers import Integral, Real
 from os import PathLike
-from threading import Condition, Event, Thread
+from threading import TIMEOUT_MAX, Condition, Event, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING, Literal
 
@@ -120,6 +120,7 @@ class LiveSensor:
         after : int
             Wait for an answer whose frame is later than this; -1 for any.
         timeout_s : float
+            ``math.inf`` waits for ever.
         max_age_s : float, optional
             Wait for an answer that came no longer ago than this. By default the latest stays, also of a source that has ended or
             failed.
@@ -135,13 +136,17 @@ class LiveSensor:
         TactapeError
             When the source failed, or has ended and there is no such answer.
         SpecError
-            If `after` is no whole number, or `max_age_s` no number.
+            If `after` is no whole number, or `timeout_s` or `max_age_s` no number.
         """
         refuse_other(after, Integral, "after", "index of a frame", "that of the answer before, or -1 for any")
-        refuse_other(max_age_s, (Real, type(None)), "max_age_s", "number of seconds", "one, or leave it out")
+        for key, value in (("timeout_s", timeout_s), ("max_age_s", 0.0 if max_age_s is None else max_age_s)):
+            refuse_other(value, Real, key, "number of seconds", "one, or leave it out")
+            if isnan(value):  # a wait of this length never ends
+                raise SpecError(Problem(key, f"{key} = nan is no number of seconds; give one, or leave it out"))
         wanted = f"no frame after {after}" + ("" if max_age_s is None else f" in the last {max_age_s:g} s")
+        wait_s = min(float(timeout_s), TIMEOUT_MAX)
         with self._changed:
-            self._changed.wait_for(lambda: self._ended is not None or self._is_wanted(after, max_age_s), timeout_s)
+            self._changed.wait_for(lambda: self._ended is not None or self._is_wanted(after, max_age_s), wait_s)
             if self._latest is not None and self._is_wanted(after, max_age_s):
                 return self._latest
             if isinstance(self._ended, TactapeError):

@@ -85,9 +85,14 @@ def test_an_answer_that_is_too_old_is_none(default_kit: Kit, recording: Path, tm
         (tmp_path / "a.npy").unlink()
         tmp_path.rmdir()
         with pytest.raises(TactapeError, match="cannot be looked into"):
-            live.read(timeout_s=60.0, max_age_s=0.1)
+            live.read(timeout_s=float("inf"), max_age_s=0.1)
     with pytest.raises(SpecError, match="max_age_s = '1' is no number of seconds"):
         live.read(max_age_s="1")  # type: ignore[arg-type]
+    for key in ("timeout_s", "max_age_s"):
+        with pytest.raises(SpecError, match=f"{key} = nan is no number of seconds"):
+            live.read(**{key: float("nan")})  # type: ignore[arg-type]
+    with pytest.raises(SpecError, match="timeout_s = '1' is no number of seconds"):
+        live.read(timeout_s="1")  # type: ignore[arg-type]
 
 
 def test_what_does_not_come_in_time_is_said(default_kit: Kit, tmp_path: Path) -> None:
