@@ -99,16 +99,16 @@ def _draw(
     `ordered` and `normal` (7, 7), zero before, are work buffers.
     """
     n, share = len(heights), 1.0 / len(heights)
-    u = v = x = y = cos = sin = 0.0
+    u = v = cos = sin = 0.0
     for i in range(n):
         ordered[i] = heights[i]
         u, v = u + share * offset_px[i, 0], v + share * offset_px[i, 1]
-        x, y = x + share * texture_mm[i, 0], y + share * texture_mm[i, 1]
     least = WHOLE * select(ordered, (3 * n) // 4)
     whole = 0
     for i in range(n):
-        p, q, s, t = offset_px[i, 0] - u, offset_px[i, 1] - v, texture_mm[i, 0] - x, texture_mm[i, 1] - y
-        # R cos and R sin of theta up to a common factor, by least squares (`pose._similarity`): enough for a direction
+        p, q, s, t = offset_px[i, 0] - u, offset_px[i, 1] - v, texture_mm[i, 0], texture_mm[i, 1]
+        # R cos and R sin of theta up to a common factor, by least squares (`pose._similarity`): enough for a direction. Texture
+        # points need not be from their middle, as offsets from theirs add up to 0
         cos, sin = cos + p * s + q * t, sin + q * s - p * t
         if heights[i] > least > 0.0:
             whole += 1

@@ -109,6 +109,7 @@ def test_errors_of_the_slope_and_the_curvature_are_those_that_are_said() -> None
     assert round_a_cylinder(4.0, 4.1).on_flank
     # 72 degrees are reached at 7.6 mm, and 0.2 mm before by the error of the curvature
     assert round_a_cylinder(8.0, 7.45).on_flank and not round_a_cylinder(8.0, 7.3).on_flank
+    assert replace(round_a_cylinder(8.0, 7.3), angle_sigma=0.05).on_flank
 
 
 def test_places_and_slopes_that_are_unsure_are_those_of_the_other_circles_and_of_higher_tops() -> None:

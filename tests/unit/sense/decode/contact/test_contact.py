@@ -18,10 +18,13 @@ from tactape_fab.sense.decode.contact.plane import (
     BENT_SIGMA,
     CORRELATED,
     FAR,
+    FLAT_TOLERANCE,
     GAIN,
     GAIN_SIGMA,
     LEAST_ERROR_MM,
     ROUNDNESS,
+    SLOPE_FLOOR,
+    SLOPE_SHARE,
     Plane,
     _bend,
     dome_of,
@@ -92,6 +95,24 @@ def test_the_surface_is_a_robust_fit_by_the_tops_median_error(count: int) -> Non
     assert plane.shown == pytest.approx(shown, rel=1e-6, abs=1e-10)
     expected = np.linalg.inv(all_rows.T @ all_rows) * error**2 * CORRELATED
     assert plane.shown_variance == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+def test_a_flat_tape_is_fitted_to_its_surface_with_a_gain_that_the_crown_shows() -> None:
+    """By generalised least squares: height, slopes, and the gain's prior explain the surface's six numbers."""
+    plane = plane_of(*tops((0.3, -0.2)))
+    shown, crown = plane.shown, np.array([1 / CROWN_MM[0], 1 / CROWN_MM[1], 0.0])
+    to_shown = np.eye(6, 4)
+    to_shown[3:, 3] = -crown
+    known = np.linalg.inv(plane.shown_variance + FLAT_TOLERANCE**2 * np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
+    prior = np.diag([0.0, 0.0, 0.0, GAIN_SIGMA**-2])
+    covariance = np.linalg.inv(to_shown.T @ known @ to_shown + prior)
+    at = covariance @ (to_shown.T @ known @ shown + prior @ [0.0, 0.0, 0.0, GAIN])
+    assert plane.flat and plane.gain == pytest.approx(at[3])
+    assert plane.rise == pytest.approx(at[:3] / at[3])
+    rates = np.hstack([np.eye(3), -plane.rise[:, None]]) / at[3]
+    errors = rates @ covariance @ rates.T
+    errors[1:, 1:] += np.diag(SLOPE_FLOOR**2 + (SLOPE_SHARE * plane.rise[1:]) ** 2)
+    assert plane.covariance == pytest.approx(errors, rel=1e-6)
 
 
 def test_a_bent_tape_is_not_flat_and_its_slope_is_that_of_the_image_s_centre() -> None:

@@ -1,13 +1,14 @@
-"""The k-th smallest is what sorting says, and the values are divided at it."""
+"""The k-th smallest is what sorting says, and the values are divided at it; the median is numpy's."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tactape_fab.sense.decode.dots import kth
+from tactape_fab.sense.decode.dots import clip, kth
 
-select = getattr(kth.select, "py_func", kth.select)  # compiled, it has no entry from Python: other kernels call it
+# compiled, they have no entry from Python: other kernels call them
+select, median, clip_ = (getattr(one, "py_func", one) for one in (kth.select, kth.median, clip.clip))
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 20])
@@ -27,3 +28,17 @@ def test_it_does_not_sort_all() -> None:
     values = np.random.default_rng(3).permutation(200).astype(np.float64)
     select(values, 5)
     assert (np.diff(values[50:]) < 0).any() and (np.diff(values[120:]) < 0).any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 6, 7, 20])
+def test_the_median_is_that_of_numpy(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kth, "select", select)
+    monkeypatch.setattr(kth, "clip", clip_)
+    for seed in range(5):
+        values = np.random.default_rng(seed).normal(size=count)
+        expected = np.median(values)
+        assert median(values) == pytest.approx(expected, abs=1e-15)
+
+
+def test_no_values_have_no_median() -> None:
+    assert np.isnan(median(np.empty(0)))

@@ -10,7 +10,7 @@ import pytest
 from tactape_fab import Localizer, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import ElasticContact, Scene, iterate_frames
-from tactape_fab.sense.decode.grid.long_parts import DRAWN, drawn_px
+from tactape_fab.sense.decode.grid.long_parts import BEND, DRAWN, FARTHEST_MM, HEIGHT_ERROR, SLOPE, WHOLE, drawn_px
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE, nees
 
@@ -38,6 +38,30 @@ def test_dots_are_drawn_to_the_pressure_along_the_part(theta_deg: float, bend: F
     assert moved is not None and np.abs(moved.shift_px - wanted).max() < 0.1 * np.abs(wanted).max()
 
 
+@pytest.mark.parametrize("theta_deg", [25.0, -140.0])
+def test_the_pressure_is_a_ridge_regression_of_whole_heights(theta_deg: float) -> None:
+    """By numpy, with the priors as rows. A height at the limit is no whole one, and the texture frame may be far away."""
+    rng = np.random.default_rng(int(theta_deg) % 7)
+    heights = 3.0 * np.exp(GEL_MM @ (0.02, 0.01) + rng.normal(0.0, 0.05, 35))
+    whole = WHOLE * np.sort(heights)[3 * 35 // 4]
+    heights[4], heights[9] = whole, 0.5 * whole
+    kept = heights > whole
+    assert 4 not in np.flatnonzero(kept) and kept.sum() >= 20
+    x, y = (GEL_MM - GEL_MM.mean(axis=0)).T
+    rows = np.stack([np.ones(35), x, y, x * x / 2, y * y / 2, x * y], axis=1)
+    priors = np.diag(HEIGHT_ERROR / np.array([SLOPE, SLOPE, BEND, BEND, BEND]))
+    left = np.vstack([rows[kept], np.hstack([np.zeros((5, 1)), priors])])
+    _, u, v, uu, vv, uv = np.linalg.lstsq(left, np.append(np.log(heights[kept] / whole), np.zeros(5)))[0]
+    slope = np.stack([u + uu * x + uv * y, v + vv * y + uv * x], axis=1)
+    turn = np.radians(theta_deg - PART.rotation_deg)
+    along = np.array([np.cos(turn), np.sin(turn)])
+    length, width, _ = PART.body_mm
+    wanted = DRAWN * (length**4 - width**4) * (np.outer(slope @ along, along) - slope / 2.0)
+    assert 0.001 < np.abs(wanted).max() < FARTHEST_MM / 2.0
+    moved = drawn_px(PART, heights, R * GEL_MM, np.add(at_theta(theta_deg), (40.0, -25.0)), R)
+    assert moved is not None and moved.shift_px == pytest.approx(R * wanted, rel=1e-6, abs=1e-9)
+
+
 def test_even_heights_low_ones_and_few_move_nothing() -> None:
     texture = at_theta(20.0)
     for heights in (np.ones(35), np.zeros(35), np.where(np.arange(35) % 3 > 0, 1.0, 0.5)):
@@ -45,6 +69,10 @@ def test_even_heights_low_ones_and_few_move_nothing() -> None:
         assert moved is not None and np.abs(moved.shift_px).max() < 1e-9
     moved = drawn_px(PART, np.exp(GEL_MM[:7] @ [0.04, 0.0]), R * GEL_MM[:7], texture[:7], R)
     assert moved is not None and (moved.shift_px == 0.0).all() and moved.covariance is None
+    enough = drawn_px(PART, np.exp(GEL_MM[:8] @ [0.01, 0.0]), R * GEL_MM[:8], texture[:8], R)
+    assert enough is not None and np.abs(enough.shift_px).max() > 1e-3
+    larger = drawn_px(replace(PART, body_mm=(1.0, 0.5, 0.35)), np.ones(7), R * GEL_MM[:7], texture[:7], R)
+    assert larger is not None and larger.covariance is not None and (larger.covariance == 0.0).all()
     assert drawn_px(replace(PART, body_mm=(0.4, 0.4, 0.2)), np.ones(35), R * GEL_MM, texture, R) is None
 
 
