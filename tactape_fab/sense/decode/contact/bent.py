@@ -66,9 +66,11 @@ class Bend:
     @cached_property
     def slopes(self) -> FloatArray:
         """Slopes in the image's centre along u and v, for each of `circles`; (4, 2)."""
-        sines, _, along = self.circles.T
-        steep = sines / np.sqrt(np.maximum(1.0 - sines**2, 1.0 - MOST_SINE**2))
-        return np.asarray(steep[:, None] * self.across + along[:, None] * self._sideways)
+        (c, s), found = self.across.tolist(), []
+        for sine, _, along in self.circles.tolist():
+            steep = sine / sqrt(max(1.0 - sine**2, 1.0 - MOST_SINE**2))
+            found.append([steep * c - along * s, steep * s + along * c])
+        return np.array(found)
 
     @property
     def _sideways(self) -> FloatArray:

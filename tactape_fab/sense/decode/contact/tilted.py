@@ -139,7 +139,7 @@ def tilted_pose(
     found = replace(found, covariance=own * found.covariance, agree=pose.agree)
     shares = (1.0 - dome, 0.0, dome) if film else (1.0 - not_drawn, (1.0 - dome) * not_drawn, dome * not_drawn)
     mixed = _mixture(shares, (found, undrawn, pose), changes.T @ changes)
-    likeliest = int(np.argmax(shares))
+    likeliest = shares.index(max(shares))
     return mixed, (moved, undrawn_px, offset_px)[likeliest], likeliest == 0
 
 
@@ -152,6 +152,7 @@ def _mixture(shares: tuple[float, ...], poses: tuple[Pose, ...], strain: FloatAr
     first = poses[0]
     if shares[0] == 1.0:
         return replace(first, covariance=first.covariance + strain)
+    shares, poses = zip(*(pair for pair in zip(shares, poses, strict=True) if pair[0] > 0.0), strict=True)
     of = np.array(shares)
     apart = np.array([[*(p.position_mm - first.position_mm), remainder(p.theta_rad - first.theta_rad, tau)] for p in poses])
     towards = of @ apart
@@ -213,7 +214,7 @@ def _drawn_by_slope_mm2(view: View) -> FloatArray:
 def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:
     """Slopes of the pressure at the dots over the pressure, 1/mm, by a third-order surface through their heights; (n, 2)."""
     rows, shares = np.empty((10, len(heights))), heights / max(float(np.sort(heights)[3 * len(heights) // 4]), 1e-300)
-    rows[0], rows[1:3] = 1.0, (at_mm - at_mm.mean(axis=0)).T
+    rows[0], rows[1:3] = 1.0, (at_mm - at_mm.sum(axis=0) / len(at_mm)).T
     rows[3:5], rows[5] = rows[1] * rows[1:3], rows[2] * rows[2]
     rows[6:9], rows[9] = rows[1] * rows[3:6], rows[2] * rows[5]
     rows *= _FACTORS
