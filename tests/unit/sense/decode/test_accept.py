@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from tactape_fab import Localizer, Tape
+from tactape_fab.sense import ElasticContact, Scene, iterate_frames
 from tactape_fab.sense.decode import accept
 from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _off_scale, _on_tape, _refusal, accept_place
+from tactape_fab.sense.decode.contact.tilted import tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.rank import Reading
@@ -337,3 +339,20 @@ def test_without_tapes_a_contact_has_its_place_in_the_plane() -> None:
     assert fix.located and (fix.sector, fix.index) == (7, known.index), fix.reason
     assert fix.plane_mm == pytest.approx(np.array(TAPE.origin) * W + POSE[0], abs=1e-5)
     assert fix.n_agree == len(dots()) and fix.theta_deg == pytest.approx(POSE[1], abs=1e-4)
+
+
+def test_dots_of_a_tilted_tape_are_sharpened_as_they_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whole dots, which the contact's rim does not move, are at the same places with the rim's correction and as detected."""
+    given: list[tuple[Any, ...]] = []
+
+    def tilted(*args: Any) -> Any:
+        given.append(args)
+        return tilted_pose(*args)
+
+    monkeypatch.setattr(accept, "tilted_pose", tilted)
+    scene = Scene(elastic=ElasticContact(tilt_deg=(5.0, 0.0)))
+    (frame,) = iterate_frames(TAPE, 1, 3, scene=scene)
+    assert Localizer([TAPE]).locate(frame.depth).located
+    _, _, offset_px, seen_px, _, weights, *_ = given[0]
+    whole = weights >= 1.0
+    assert whole.sum() > 4 and seen_px[whole] == pytest.approx(offset_px[whole], abs=1e-6)
