@@ -21,8 +21,10 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.output_file import UNFINISHED_SUFFIX
 from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.profiles import load_fab
+from tactape_fab.texture.board import LEAST_BEND_THICKNESSES
 from tactape_fab.texture.manifest import MANIFEST_FORMAT, find_manifest, read_manifest
-from tactape_fab.texture.tape import DEFAULT_PITCH_MM, read_pitch, refuse_no_tapes
+from tactape_fab.texture.tape import DEFAULT_PITCH_MM, read_displacement, read_pitch, refuse_no_tapes
 from tests.measured import measured
 from tests.tapes import tape_at
 from tests.unit.base.test_fields import JSON
@@ -523,3 +525,26 @@ def test_an_unfinished_folder_is_never_a_kit(tmp_path: Path, small_kit: Kit) -> 
     for place in (folder, folder / "manifest.json"):
         with pytest.raises(SpecError, match="unfinished kit"):
             Tape.load(place)
+
+
+@pytest.mark.parametrize(
+    ("delta", "refused", "found", "problems"),
+    [(None, False, 0.25, 0), (0.3, False, 0.3, 0), (0.75, False, 0.25, 1), (0.75, True, 0.25, 0), (0.0, True, 0.25, 1)],
+)
+def test_a_displacement_without_a_manifest(delta: float | None, refused: bool, found: float, problems: int) -> None:
+    """Of 1.5 mm it is less than half, unless the pitch is not known."""
+    table = Fields({} if delta is None else {"delta": delta})
+    assert read_displacement(table, "delta", 1.5, pitch_refused=refused) == found
+    assert len(table.problems) == problems
+
+
+def test_whether_a_board_bends_is_no_part_of_its_record() -> None:
+    """Files and answers are told by what a tape shows: a manifest that does not say it is of the same tape."""
+    tape = tape_at(7, (6, 5))
+    bent = replace(tape, board=replace(tape.board, flexible=True))
+    assert bent.board == tape.board and repr(bent.board) == repr(tape.board) and bent.to_mapping() == tape.to_mapping()
+
+
+def test_films_bear_what_the_generic_fab_says() -> None:
+    bend = load_fab("generic-fpc").bend
+    assert bend is not None and bend.least_thicknesses == LEAST_BEND_THICKNESSES
