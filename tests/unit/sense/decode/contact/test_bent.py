@@ -98,6 +98,17 @@ def test_what_is_flat_or_bent_about_two_axes_is_not_unrolled(surface: tuple[floa
     assert bend_of(np.array(surface), NO_VARIANCE, 0.0, np.zeros(2), 0.0) is None
 
 
+@pytest.mark.parametrize(("along", "is_bent"), [(-0.029, True), (-0.031, False), (0.029, True), (0.031, False)])
+def test_a_tape_is_bent_about_one_axis_up_to_a_share_along_it(along: float, is_bent: bool) -> None:
+    """Of three tenths of the curvature across it; errors are not looked at."""
+    assert (bend_of(np.array([0.0, 0.0, along, -0.1, 0.0]), NO_VARIANCE, 0.0, np.zeros(2), 0.0) is not None) == is_bent
+
+
+def test_beyond_72_degrees_a_slope_is_that_of_72() -> None:
+    bend = replace(round_a_cylinder(8.0, 0.0), sine=0.99)
+    assert bend.slopes[0] == pytest.approx(0.99 / (1.0 - 0.95**2) ** 0.5 * ACROSS)
+
+
 def test_errors_of_the_slope_and_the_curvature_are_those_that_are_said() -> None:
     bend = replace(round_a_cylinder(8.0, 4.0), middle_mm=-1.0)
     as_it_is, angled, curved, leaning = bend.circles.tolist()

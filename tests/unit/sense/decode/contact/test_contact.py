@@ -178,6 +178,7 @@ def test_a_curvature_along_the_axis_within_two_deviations_is_none(along: float, 
     ("curvatures", "level"),
     [
         ((-0.005, -0.001, 0.0), None),  # bent by 0.004, which is no bend
+        ((-0.006, -0.001, 0.0), None),  # nor is 0.005
         ((-0.0065, -0.001, 0.0), 0.001),
         ((-0.001, -0.0065, 0.0), 0.001),
         ((-0.0115, -0.0055, 0.0), 0.0055),

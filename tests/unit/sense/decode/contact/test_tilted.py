@@ -459,6 +459,13 @@ def test_tops_of_no_film_are_drawn_or_not_by_what_fits_better(monkeypatch: pytes
     assert film[2] and film[0].position_mm == pytest.approx(PLACE_MM - apart)
 
 
+def test_tops_that_fit_far_better_undrawn_are_not_drawn_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    Fits(monkeypatch, position_mm=PLACE_MM - 0.01, sigma_mm=1.0)
+    found, _, drawn = asked(lie_of(np.array([0.06, 0.0]), film=False), pose=pose_of(sigma_mm=0.001))
+    assert not drawn and found.position_mm == pytest.approx(PLACE_MM)
+    assert found.covariance[1:, 1:] == pytest.approx(pose_of().covariance[1:, 1:])
+
+
 @pytest.mark.parametrize(("film", "dome"), [(False, 0.0), (False, 0.25), (True, 0.25)])
 def test_tops_with_a_bend_are_those_of_a_film_or_of_a_dome_on_a_flat_one(
     film: bool, dome: float, monkeypatch: pytest.MonkeyPatch
