@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,21 @@ def refuse_other(value: object, kind: type | tuple[type, ...], key: str, what: s
     """
     if not isinstance(value, kind):
         raise SpecError(Problem(key, f"{key} = {shown(value)} is no {what}; give {remedy}"))
+
+
+def as_real(value: object, key: str, what: str, remedy: str) -> int | float:
+    """A real number of any type as Python's own; a whole one with every digit.
+
+    key, what, remedy: As for `refuse_other`.
+    Raises SpecError if it is no real number, or beyond what a float holds.
+    """
+    # bool is a subclass of int: True would be 1
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise SpecError(Problem(key, f"{key} = {shown(value)} is no {what}; give {remedy}"))
+    try:
+        return int(value) if isinstance(value, Integral) else float(value)
+    except OverflowError:  # a fraction beyond 1.8e308
+        raise SpecError(Problem(key, f"{key} = {shown(value)} is beyond any float; give {remedy}")) from None
 
 
 def unmasked(value: Any) -> Any:

@@ -88,7 +88,7 @@ def _print_answers(
     answers: Iterator[Located], job: Job, thing: TapedObject | None, *, as_json: bool, dots: bool, overlay: str | None
 ) -> None:
     from tactape_fab.base.libraries import library
-    from tactape_fab.sense.files.answers import fix_json, object_json
+    from tactape_fab.sense.files.answers import object_json
     from tactape_fab.sense.overlay import draw_overlay, write_overlay
 
     if overlay is not None:
@@ -102,7 +102,7 @@ def _print_answers(
         there = None if thing is None else thing.locate(fix)
         if as_json:
             more = {} if thing is None else object_json(there)
-            click.echo(json.dumps({**fix_json(answer.frame, fix, dots=dots), **more}, allow_nan=False))
+            click.echo(json.dumps({**fix.to_mapping(answer.frame, dots=dots), **more}, allow_nan=False))
         else:
             echo_lines([table.header()] * (answer.frame == 0) + [table.row(answer.frame, fix, there)])
         if overlay is not None:

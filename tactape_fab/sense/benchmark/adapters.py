@@ -45,9 +45,8 @@ Adapter = Callable[[Benchmark], tuple[Locate, Say]]
 
 def _ours(benchmark: Benchmark, **options: Any) -> tuple[Locate, Say]:
     from tactape_fab.sense.decode.localizer import Localizer
-    from tactape_fab.sense.files.answers import fix_json
 
-    return Localizer(benchmark.tapes, benchmark.sensor, **options).locate, partial(fix_json, 0)
+    return Localizer(benchmark.tapes, benchmark.sensor, **options).locate, lambda fix: fix.to_mapping(0)
 
 
 ADAPTERS: Mapping[str, Adapter] = {

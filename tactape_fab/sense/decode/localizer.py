@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from math import pi
-from numbers import Real
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -17,7 +16,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.given_value import refuse_other
+from tactape_fab.base.given_value import as_real
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.decode.accept import accept_place
@@ -57,10 +56,8 @@ _MOST_NAMED = 8
 
 def _stamped(found: Localization, start: float, timestamp: float | None) -> Localization:
     """Set the times of a new answer, in place as nobody else has it yet; `dataclasses.replace` would take 10 us."""
-    given: object = timestamp
-    if isinstance(given, np.number):  # of an array of times; JSON takes Python's own numbers alone
-        timestamp = given.item()
-    refuse_other(timestamp, (Real, type(None)), "timestamp", "number", "the capture time in seconds, or leave it out")
+    if timestamp is not None:
+        timestamp = as_real(timestamp, "timestamp", "number", "the capture time in seconds, or leave it out")
     object.__setattr__(found, "elapsed_ms", (perf_counter() - start) * 1000.0)
     object.__setattr__(found, "timestamp", timestamp)
     return found

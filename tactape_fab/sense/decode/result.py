@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from math import degrees, inf, radians
+from math import degrees, inf, isfinite, radians
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -59,8 +59,8 @@ class LocatedDots:
     inlier: BoolArray
 
     def to_mapping(self) -> dict[str, Any]:
-        """The arrays as lists, by name."""
-        return {field.name: getattr(self, field.name).tolist() for field in fields(self)}
+        """The arrays as lists, by name, with None for NaN."""
+        return {field.name: _finite(getattr(self, field.name).tolist()) for field in fields(self)}
 
 
 class OnObject(Protocol):
@@ -289,7 +289,7 @@ class Localization:
         return out
 
     def to_mapping(self, frame: int | None = None, *, dots: bool = False) -> dict[str, Any]:
-        """The answer as a mapping that `json.dumps` takes.
+        """The answer as a mapping that `json.dumps` takes, with None for a number that is NaN or infinite.
 
         Parameters
         ----------
@@ -309,10 +309,17 @@ class Localization:
         for name in names:
             value = getattr(self, name)
             if name != "dots":
-                values[name] = value.tolist() if isinstance(value, np.ndarray) else value
+                values[name] = _finite(value.tolist() if isinstance(value, np.ndarray) else value)
             elif dots:
                 values["dots"] = None if self.dots is None else self.dots.to_mapping()
         return values
+
+
+def _finite(value: Any) -> Any:
+    """A value with None for each float that JSON cannot hold."""
+    if isinstance(value, list | tuple):
+        return type(value)(map(_finite, value))
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def tape_named(fix: Localization) -> tuple[str | None, int | None, tuple[int, int] | None]:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.given_value import as_numbers, refuse_other, unmasked
 from tactape_fab.sense.decode.result import PLANAR, refuse_no_answer
-from tactape_fab.sense.files.answers import fix_json, object_json
+from tactape_fab.sense.files.answers import object_json
 from tactape_fab.sense.objects.taped_object import TapedObject
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
@@ -210,7 +210,7 @@ def text_message(frame: int, fix: Localization, thing: TapedObject | None = None
     refuse_no_answer(fix)
     refuse_other(thing, (TapedObject, type(None)), "thing", "TapedObject", "read_object(FILE), or leave it out")
     more = {} if thing is None else object_json(thing.locate(fix))
-    return {"data": json.dumps({**fix_json(frame, fix), **more}, allow_nan=False)}
+    return {"data": json.dumps({**fix.to_mapping(frame), **more}, allow_nan=False)}
 
 
 def header(stamp: int, frame_id: str) -> dict[str, Any]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import degrees
-from numbers import Real
 
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse
 from tactape_fab.base.fields import shown
+from tactape_fab.base.given_value import as_real
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.search.prior import Prior
@@ -162,7 +162,7 @@ class Tracker:
         FrameError
             If it is not a depth map of this sensor, or its time is not after the previous one; the state is unchanged.
         """
-        prior = self._prior(timestamp)
+        timestamp, prior = self._expected(timestamp)
         return self._follow(self.localizer.locate(depth, prior=prior, timestamp=timestamp), prior, timestamp)
 
     def update_dots(self, xy_px: npt.ArrayLike, weights: npt.ArrayLike | None = None, *, timestamp: float) -> Track:
@@ -181,22 +181,22 @@ class Tracker:
         -------
         Track
         """
-        prior = self._prior(timestamp)
+        timestamp, prior = self._expected(timestamp)
         fix = self.localizer.locate_dots(xy_px, weights, prior=prior, timestamp=timestamp)
         return self._follow(fix, prior, timestamp)
 
-    def _prior(self, timestamp: float) -> Prior | None:
+    def _expected(self, given: float) -> tuple[float, Prior | None]:
+        """A frame's time as Python's own number, and the prior at that time."""
         last = self._state.timestamp
-        number: object = timestamp
         try:
-            some_time = isinstance(number, Real) and abs(float(number)) < 1e300
-        except OverflowError:  # a whole number beyond any float
-            some_time = False
-        if not some_time:
-            raise FrameError(f"timestamp = {shown(number)} is no time; give seconds")
+            timestamp = as_real(given, "timestamp", "time", "seconds")
+        except SpecError as error:
+            raise FrameError(str(error)) from None
+        if not abs(timestamp) < 1e300:
+            raise FrameError(f"timestamp = {shown(given)} is no time; give seconds")
         if last is not None and timestamp <= last:
             raise FrameError(f"timestamp = {timestamp} s is not after {last} s; give frames in their order, or reset the tracker")
-        return predicted(self._state.line, self._state.velocity, timestamp, self.motion)
+        return timestamp, predicted(self._state.line, self._state.velocity, timestamp, self.motion)
 
     def _follow(self, fix: Localization, prior: Prior | None, timestamp: float) -> Track:
         self._state, track = followed(self._state, fix, prior, timestamp, self.motion, self.localizer.sensor)

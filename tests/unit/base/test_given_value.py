@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.base.given_value import as_numbers, refuse_other
+from tactape_fab.base.given_value import as_numbers, as_real, refuse_other
 
 
 @pytest.mark.parametrize("value", [[[1, 2], [3, 4]], np.array([[1.0, 2.0], [3.0, 4.0]], dtype=">f4"), ((1, 2.0), (3, 4))])
@@ -42,6 +43,31 @@ def test_what_is_masked_is_not_known() -> None:
         as_numbers(masked, (2,), "xy", "points")
     np.testing.assert_array_equal(as_numbers(masked, (2,), "xy", "points", finite=False), [np.nan, 2.0])
     assert as_numbers(np.ma.array([1, 2]), (2,), "xy", "points").tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "read"),
+    [
+        (2.5, 2.5),
+        (2**60 + 1, 2**60 + 1),
+        (np.int64(2**60 + 1), 2**60 + 1),
+        (np.float32(0.5), 0.5),
+        (np.longdouble(0.5), 0.5),
+        (np.float64(0.5), 0.5),
+        (Fraction(1, 4), 0.25),
+    ],
+)
+def test_a_real_number_becomes_pythons_own(value: Any, read: float) -> None:
+    found = as_real(value, "t", "time", "seconds")
+    assert found == read and type(found) is type(read)
+
+
+@pytest.mark.parametrize("value", [True, np.True_, "1", None, 1j, np.zeros(1)])
+def test_what_is_no_real_number_is_refused(value: Any) -> None:
+    with pytest.raises(SpecError, match=r"^t = .* is no time; give seconds$"):
+        as_real(value, "t", "time", "seconds")
+    with pytest.raises(SpecError, match=r"^t = Fraction\(1000.* is beyond any float; give seconds$"):
+        as_real(Fraction(10**400), "t", "time", "seconds")
 
 
 def test_another_type_is_named_with_what_to_give() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields, replace
+from fractions import Fraction
 from math import atan2, cos, degrees, radians, sin
 from typing import Any
 
@@ -96,6 +97,12 @@ def test_every_field_of_an_answer(localizer: Localizer) -> None:
         found = localizer.locate_dots(xy, timestamp=stamp)  # type: ignore[arg-type]
         assert json.loads(json.dumps(found.to_mapping(np.int64(4))))["timestamp"] == stamp  # type: ignore[arg-type]
         assert type(found.timestamp) in (int, float)
+    for exact in (Fraction(1, 4), np.longdouble(0.25)):
+        found = localizer.locate_dots(xy, timestamp=exact)  # type: ignore[arg-type]
+        assert found.timestamp == 0.25 and type(found.timestamp) is float
+    for unknown in (float("nan"), np.inf):
+        told = localizer.locate_dots(xy, timestamp=unknown).to_mapping()
+        assert told["timestamp"] is None and json.dumps(told, allow_nan=False)
 
 
 def test_an_answer_is_plain_json() -> None:

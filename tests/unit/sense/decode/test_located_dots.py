@@ -247,6 +247,12 @@ def test_dots_are_computed_when_they_are_asked_for(localizer: Localizer, monkeyp
     dots = replace(fix, timestamp=1.0).dots
     assert dots is not None and len(dots.cell) == fix.n_dots and len(asked) == 1
     assert fix.to_mapping(dots=True)["dots"] == dots.to_mapping() and len(asked) == 1
+    without = LocatedDots(
+        **{**{name: getattr(dots, name) for name in LocatedDots.__slots__}, "residual_mm": np.full((1, 2), np.nan)}
+    )
+    assert without.to_mapping()["residual_mm"] == [[None, None]] and json.dumps(
+        replace(fix, dots=without).to_mapping(dots=True), allow_nan=False
+    )
     with pytest.raises(AttributeError, match="cells"):
         _ = dots.cells  # type: ignore[attr-defined]
 

@@ -12,7 +12,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from tactape_fab import Kit, Localization
 from tactape_fab.sense import SensorProfile, image_message, pose_message, text_message
-from tactape_fab.sense.files.answers import fix_json
 from tactape_fab.sense.live.cdr import IMAGE, POSE, TEXT, MessageType
 from tactape_fab.sense.live.messages import UNMEASURED, board_covariance, stamp_ns
 from tactape_fab.texture.frames import texture_to_board
@@ -150,7 +149,7 @@ def test_every_hole_of_a_depth_image_is_nan() -> None:
 
 def test_the_text_is_the_answer_that_decode_prints() -> None:
     answer = fix(px_per_mm=float("nan"))
-    assert json.loads(text_message(3, answer)["data"]) == json.loads(json.dumps(fix_json(3, answer)))
+    assert json.loads(text_message(3, answer)["data"]) == json.loads(json.dumps(answer.to_mapping(3)))
 
 
 # Bytes

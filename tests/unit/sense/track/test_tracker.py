@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -152,6 +153,8 @@ def test_times_run_forward_and_a_refused_frame_changes_nothing(localizer: Locali
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert tracker.update_dots(at(30, 20), timestamp=np.float32(6.0)).contact  # type: ignore[arg-type]
+        track = tracker.update_dots(at(30, 20), timestamp=Fraction(25, 4))  # type: ignore[arg-type]
+    assert track.velocity_mm_s is not None and type(track.timestamp) is type(track.fix.timestamp) is float
     tracker.reset()
     assert [event.kind for event in tracker.update_dots(at(30, 20), timestamp=1.0).events] == ["begin"]
 
