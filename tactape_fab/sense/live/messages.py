@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
 from tactape_fab.base.given_value import as_numbers, refuse_other, unmasked
 from tactape_fab.sense.decode.result import PLANAR, refuse_no_answer
 from tactape_fab.sense.files.answers import object_json
@@ -59,7 +61,7 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
     ----------
     fix : Localization
     stamp : int
-        Capture time, ns.
+        Capture time, ns; from 0 to 2³¹ s.
     frame_id : str, optional
         Name of the parent frame; by default that of the tape.
 
@@ -71,7 +73,7 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
     Raises
     ------
     SpecError
-        If an argument is of another type.
+        If an argument is of another type, or no ROS 2 time holds the stamp.
     """
     refuse_no_answer(fix)
     if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
@@ -150,7 +152,7 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
         As the sensor delivers it.
     sensor : SensorProfile
     stamp : int
-        Capture time, ns.
+        Capture time, ns; from 0 to 2³¹ s.
     frame_id : str, optional
         Name of the sensor's frame; by default that of its profile.
 
@@ -161,7 +163,7 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     Raises
     ------
     SpecError
-        If an argument is of another type.
+        If an argument is of another type, or no ROS 2 time holds the stamp.
     """
     refuse_other(sensor, SensorProfile, "sensor", "SensorProfile", "load_sensor(NAME)")
     given = unmasked(depth)
@@ -214,7 +216,13 @@ def text_message(frame: int, fix: Localization, thing: TapedObject | None = None
 
 
 def header(stamp: int, frame_id: str) -> dict[str, Any]:
-    """A std_msgs/Header with a time in ns. Raises SpecError if that is no whole number."""
-    refuse_other(stamp, Integral, "stamp", "whole number of ns", "the capture time, such as time.time_ns()")
+    """A std_msgs/Header with a time in ns. Raises SpecError if that is no whole number, or no ROS 2 time holds it."""
+    remedy = "the capture time, such as time.time_ns()"
+    refuse_other(stamp, Integral, "stamp", "whole number of ns", remedy)
+    if not 0 <= stamp < _LAST_S * _NS:
+        message = (
+            f"stamp = {shown(int(stamp))} ns is outside 0 to {_LAST_S * _NS - 1} ns, which a ROS 2 time holds; give {remedy}"
+        )
+        raise SpecError(Problem("stamp", message))
     seconds, nanoseconds = divmod(int(stamp), _NS)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}

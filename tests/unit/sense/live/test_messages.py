@@ -11,6 +11,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from tactape_fab import Kit, Localization
+from tactape_fab.base.errors import SpecError
 from tactape_fab.sense import SensorProfile, image_message, pose_message, text_message
 from tactape_fab.sense.live.cdr import IMAGE, POSE, TEXT, MessageType
 from tactape_fab.sense.live.messages import UNMEASURED, board_covariance, stamp_ns
@@ -145,6 +146,18 @@ def test_every_hole_of_a_depth_image_is_nan() -> None:
     whole = np.ma.masked_array([[1, 2, 3, 65535]], [[False, False, False, True]], dtype=np.uint16)
     seen = np.frombuffer(image_message(whole, sensor, 0)["data"], dtype="<f4")
     np.testing.assert_array_equal(seen, np.array([-1.0, -2.0, -3.0, np.nan], dtype="<f4"))
+
+
+@pytest.mark.parametrize("stamp", [-1, -(10**9), 2**31 * 10**9, 10**30])
+def test_a_stamp_that_ros_cannot_hold_is_refused(stamp: int) -> None:
+    sensor = SensorProfile(name="s", title="", width_px=1, height_px=1, px_per_mm=(16.0, 16.0), sign=1)
+    said = rf"^stamp = {stamp} ns is outside 0 to 2147483647999999999 ns, which a ROS 2 time holds; give the capture time"
+    with pytest.raises(SpecError, match=said):
+        image_message(np.zeros((1, 1)), sensor, stamp)
+    with pytest.raises(SpecError, match=said):
+        pose_message(fix(), stamp)
+    last = {"sec": 2**31 - 1, "nanosec": 10**9 - 1}
+    assert image_message(np.zeros((1, 1)), sensor, 2**31 * 10**9 - 1)["header"]["stamp"] == last
 
 
 def test_the_text_is_the_answer_that_decode_prints() -> None:
