@@ -9,16 +9,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import counted, named
+from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
-from tactape_fab.kit.read.s_expression import Quoted, Tree, read_s_expression
+from tactape_fab.kit.read.s_expression import Tree, read_s_expression
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.layers.film_layers import without_counterpart
-from tactape_fab.verify.layers.kicad_drawn import Alike, At, Made, child, drawn_problems, layer_of, only, rules_problems, values
+from tactape_fab.verify.layers.kicad_drawn import (
+    Alike,
+    At,
+    Made,
+    child,
+    drawn_problems,
+    layer_of,
+    number,
+    only,
+    rules_problems,
+    values,
+)
+from tactape_fab.verify.layers.kicad_form import misquoted, refuse_malformed
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded
 
 _IDENTIFIERS = ("tstamp", "uuid")
@@ -34,20 +46,6 @@ _DRAWN_ON = {
 """Layers on which each kind of item may be drawn."""
 _OF_A_FOOTPRINT = ("layer", "at", "descr", "attr", "fp_text", "fp_rect", "pad")
 _OF_A_LAND = ("at", "size", "layers", "roundrect_rratio")
-_TEXTS: dict[str, Sequence[int]] = {
-    **dict.fromkeys(("title", "date", "rev", "paper", "layer", "footprint", "gr_text", "pad", "generator", "descr"), (1,)),
-    **dict.fromkeys(("fp_text", "net"), (2,)),
-    "layers": range(1, 99),
-}
-"""Places of words that KiCad takes in quotes, by the name of their list. It refuses a board with others: "need a number"."""
-_ROW = "row of layers"
-_WORDS = {
-    **dict.fromkeys(("footprint", "layer", "gr_text", "width", "thickness", "drill", "roundrect_rratio"), range(1, 2)),
-    **dict.fromkeys(("solder_mask_margin", "pad_to_mask_clearance"), range(1, 2)),
-    **dict.fromkeys(("start", "mid", "end", "size", "xy", "aux_axis_origin", "grid_origin", "fp_text"), range(2, 3)),
-    **{"at": range(2, 4), "pad": range(3, 4), _ROW: range(2, 4)},
-}
-"""How many words and numbers stand between the name of a list and the first list in it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,9 +109,10 @@ def check_kicad(files: Mapping[str, WrittenFile], shown: Shown, made: Made) -> l
             tree = read_s_expression(files["kicad-pcb"].data, _IDENTIFIERS)
             found = _read_board(tree)
         problems = [
-            *_misquoted(tree),
+            *misquoted(tree),
             *_places(found, shown),
             *_lands(found, shown, made.record.lands),
+            *_sheet(found, shown),
             *_outline(found, shown),
             *_holes(found, shown),
             *_fiducials(found, shown),
@@ -136,7 +135,7 @@ def check_kicad(files: Mapping[str, WrittenFile], shown: Shown, made: Made) -> l
 def _read_board(tree: Tree) -> _Board:
     if tree[:1] != ("kicad_pcb",):
         raise ReadbackError("it does not begin with kicad_pcb")
-    _refuse_malformed(tree)
+    refuse_malformed(tree, {"kicad_pcb": (*_SETTINGS, *_DRAWN_ON, "footprint", "segment"), "footprint": _OF_A_FOOTPRINT})
     lists: dict[str, list[Tree]] = {}
     for item in tree[1:]:
         if isinstance(item, str):
@@ -166,59 +165,6 @@ def _read_board(tree: Tree) -> _Board:
         alike.setdefault(key, some).names.append(name)
     pads = {name: pads for some in alike.values() for pads in [some.pads] for name in some.names}
     return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, alike=[*alike.values()], pads=pads)
-
-
-def _refuse_malformed(tree: Tree) -> None:
-    """Refuse a list without a name, or with another number of words than KiCad gives it. Raises ReadbackError.
-
-    Lists of which a board or a footprint must have none are passed over: `_unexpected` names them.
-    """
-    known = {"kicad_pcb": (*_SETTINGS, *_DRAWN_ON, "footprint", "segment"), "footprint": _OF_A_FOOTPRINT}
-    left: list[tuple[Tree, tuple[Tree, ...]]] = [(tree, ())]
-    seen: set[int] = set()
-    while left:
-        inner, around = left.pop()
-        if not inner or isinstance(inner[0], tuple):
-            raise ReadbackError(f"a list without a name stands in {_way_to(around)}")
-        name = _ROW if around and around[-1][0] == "layers" else inner[0]
-        words = next((k for k, item in enumerate(inner[1:]) if isinstance(item, tuple)), len(inner) - 1)
-        if (usual := _WORDS.get(name)) is not None and words not in usual:
-            said = f"{counted(words, 'word', 'words')}, not {' or '.join(map(str, usual))}"
-            raise ReadbackError(f"{_way_to((*around, inner))} begins with {said}")
-        inside = known.get(inner[0])
-        for item in inner:
-            # equal lists of the file are one object
-            if isinstance(item, tuple) and id(item) not in seen:
-                seen.add(id(item))
-                if inside is None or not item or isinstance(item[0], tuple) or item[0] in inside:
-                    left.append((item, (*around, inner)))
-
-
-def _way_to(lists: Sequence[Tree]) -> str:
-    """Names of lists one in the other, for a message: ``at of pad of footprint R7``."""
-    names = []
-    for tree in lists:
-        of = [item[2] for item in tree[1:] if item[:2] == ("fp_text", "reference") and len(item) > 2]
-        names.append(" ".join([quoted(str(tree[0])), *(quoted(str(name)) for name in of[:1])]))
-    return " of ".join(reversed(names[1:] or names))
-
-
-def _misquoted(tree: Tree) -> list[str]:
-    """Numbers and words of KiCad in quotes."""
-    left, seen, wrong = [tree], set[int](), dict[str, None]()
-    while left:
-        if not (inner := left.pop()):  # of a list that is not looked into
-            continue
-        # rows of the table of layers begin with a number
-        places = _TEXTS.get("layers" if str(inner[0]).isdigit() else str(inner[0]), ())
-        for k, item in enumerate(inner):
-            if isinstance(item, Quoted) and (k == 0 or k not in places):
-                wrong[f"{quoted(str(item))} of {inner[0]}"] = None
-            # equal lists of the file are one object
-            if isinstance(item, tuple) and id(item) not in seen:
-                seen.add(id(item))
-                left.append(item)
-    return [f"KiCad takes no quotes around {named([*wrong])}"] if wrong else []
 
 
 # Comparing
@@ -267,8 +213,8 @@ def _pads_problems(pads: Sequence[Tree], lands: Recorded, rotation_deg: float) -
         *((f"stencil aperture {k + 1}", "", "F.Paste", lands.paste, k) for k in range(2)),
     ]
     problems = []
-    for what, number, layer, land, k in expected:
-        same = [pad for pad in pads if pad[1] == number and child(pad, "layers")[1:] == (layer,)]
+    for what, name, layer, land, k in expected:
+        same = [pad for pad in pads if pad[1] == name and child(pad, "layers")[1:] == (layer,)]
         # pad 1 is at -x of the unrotated part, pad 2 at +x; stencil apertures have no number, and are identified by the side
         here = [pad for pad in same if (values(pad, "at")[0] > 0) == (k == 1)]
         if len(here) != 1:
@@ -294,6 +240,16 @@ def _is_land(pad: Tree, land: LandPattern, k: int, rotation_deg: float) -> bool:
         and np.allclose((x_mm, y_mm, length_mm, width_mm, radius_mm), wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM)
         and turned <= ROTATION_TOLERANCE_DEG
     )
+
+
+def _sheet(found: _Board, shown: Shown) -> list[str]:
+    """Check that the sheet has the board in its middle."""
+    name, *sides = only(found.lists, "paper")[1:]
+    width_mm, height_mm = (number(str(side)) for side in sides)
+    x_mm, y_mm = found.origin_mm
+    middle = (2 * x_mm + shown.size_mm[0], 2 * y_mm - shown.size_mm[1])
+    right = name == "User" and np.allclose((width_mm, height_mm), middle, rtol=0.0, atol=PLACE_TOLERANCE_MM)
+    return [] if right else [f"its sheet of {width_mm:g} x {height_mm:g} mm is not one with the board in its middle"]
 
 
 def _outline(found: _Board, shown: Shown) -> list[str]:
@@ -335,8 +291,8 @@ def _fiducials(found: _Board, shown: Shown) -> list[str]:
 
 
 def _is_mark(pad: Tree, copper_mm: float, opening_mm: float) -> bool:
-    sizes = (*values(pad, "at"), *values(pad, "size"), *values(pad, "solder_mask_margin"))
-    wanted = (0.0, 0.0, copper_mm, copper_mm, (opening_mm - copper_mm) / 2)
+    sizes = (*values(pad, "at"), *values(pad, "size"), *values(pad, "solder_mask_margin"), *values(pad, "clearance"))
+    wanted = (0.0, 0.0, copper_mm, copper_mm, (opening_mm - copper_mm) / 2, (opening_mm - copper_mm) / 2)
     disc = pad[2:4] == ("smd", "circle") and child(pad, "layers")[1:] == ("F.Cu", "F.Mask")
     return disc and len(sizes) == len(wanted) and np.allclose(sizes, wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM)
 
@@ -349,7 +305,8 @@ def _tracks(found: _Board, shown: Shown) -> list[str]:
     width_mm = np.array([values(track, "width")[0] for track in tracks])
     alone = len(without_counterpart(lines_mm, shown.tracks_mm)) + len(without_counterpart(shown.tracks_mm, lines_mm))
     wrong = np.abs(width_mm - shown.track_width_mm) > PLACE_TOLERANCE_MM
-    if alone or wrong.any() or len(tracks) != len(shown.tracks_mm) or any(layer_of(track) != "F.Cu" for track in tracks):
+    elsewhere = any(layer_of(track) != "F.Cu" or child(track, "net")[1:] != ("0",) for track in tracks)
+    if alone or wrong.any() or len(tracks) != len(shown.tracks_mm) or elsewhere:
         return [f"its {len(tracks)} tracks are not the {len(shown.tracks_mm)} lines of the anchors"]
     return []
 

@@ -15,7 +15,7 @@ from tactape_fab.base.fields import named
 from tactape_fab.base.fields import shown as quoted
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.kit.read.gerber_file import GerberContent, GerberShapes, ReadbackError
-from tactape_fab.kit.read.s_expression import Tree
+from tactape_fab.kit.read.s_expression import Quoted, Tree
 from tactape_fab.texture.cpl import written_with
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import rotate
@@ -40,6 +40,9 @@ _OF_THIS_TOOL = {"min_silk_clearance": 0.0, "via diameter of its class": 0.6, "v
 _OF_A_CLASS = ("clearance", "track_width", "via_diameter", "via_drill")
 _SEVERITIES: tuple[dict[str, str], ...] = ({}, {"track_dangling": "ignore"})
 _PLOTTED = {"F.Paste", "F.SilkS", "F.Mask", "Edge.Cuts"}
+_VERSION = ("20211014",)
+_LINE_MM = 0.05
+"""Width of the lines of outlines, bodies and courtyards."""
 _NOT_PLACED = ("exclude_from_pos_files", "exclude_from_bom")
 _ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
 """Attributes of a footprint by the first letter of its name: part, hole, fiducial."""
@@ -164,11 +167,13 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
     """Check thickness, title, layers, nets and notes."""
     general, title, layers, setup = (only(lists, kind) for kind in ("general", "title_block", "layers", "setup"))
     (thickness_mm,) = values(general, "thickness")
-    problems = []
+    problems = [] if only(lists, "version")[1:] == _VERSION else ["its format is not that of KiCad 6"]
+    only(lists, "generator")
     if len(general) != 2 or not isclose(thickness_mm, made.tape.board.thickness_mm, abs_tol=1e-6):
         problems.append(f"it is {thickness_mm:g} mm thick, not {made.tape.board.thickness_mm:g}")
     if child(title, "title")[1:] != (made.name,):
         problems.append("its title is not the kit's name")
+    child(title, "date"), child(title, "rev")
     for row in layers[1:]:
         if isinstance(row, str):
             raise ReadbackError(f"{quoted(row)} stands in no row of its layers")
@@ -180,7 +185,8 @@ def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
     if lacking := sorted(_PLOTTED - {str(row[1]) for row in layers[1:]}):
         problems.append(f"its table of layers lacks {named(lacking)}")
     plain = [item[0] for item in setup[1:]] == ["pad_to_mask_clearance", "aux_axis_origin", "grid_origin"]
-    if not plain or values(setup, "pad_to_mask_clearance") != [0.0]:
+    origins = (values(setup, "aux_axis_origin"), values(setup, "grid_origin"))
+    if not plain or values(setup, "pad_to_mask_clearance") != [0.0] or origins[0] != origins[1]:
         problems.append("its setup is not that of this tool")
     if [net[1:] for net in lists.get("net", [])] != [("0", "")]:
         problems.append("it has nets")
@@ -205,6 +211,17 @@ def _footprint_problem(some: Alike, made: Made) -> str | None:
     kind, inner = some.kind, some.items
     if tuple(child(inner, "attr")[1:]) != _ATTRIBUTES.get(kind):
         return "other attributes"
+    turn = next((values(pad, "at")[2:] for pad in some.pads), []) or [0.0]
+    for text in (item for item in inner if item[0] == "fp_text" and isinstance(item, tuple)):
+        # of a text as of a pad, a turn is relative to the board
+        hidden = any(word == "hide" and not isinstance(word, Quoted) for word in text)
+        if [*values(text, "at"), 0.0][:3] != [0.0, 0.0, *turn] or not hidden:
+            return "a text elsewhere, or one that shows"
+    given = [item[2] for item in inner if item[:2] == ("fp_text", "value")]
+    if len(given) != 1 or (kind == "R" and given != [made.record.assembly.value]):
+        return "another value"
+    if kind != "R" and any(item[0] == "fp_rect" for item in inner):
+        return "a rectangle"
     if kind == "H":
         if len(pads := some.pads) != 1:
             return "more or fewer than one pad"
@@ -216,13 +233,15 @@ def _footprint_problem(some: Alike, made: Made) -> str | None:
         return None
     if some.name != f"tactape:{made.record.assembly.footprint}":
         return "another name"
-    if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.record.assembly.value]:
-        return "another value"
-    # read on all layers: KiCad refuses a board for one of them that is no number
-    drawn = [(layer_of(i), values(i, "start"), values(i, "end")) for i in inner if i[0] == "fp_rect"]
-    if any(values(i, "at")[:2] != [0.0, 0.0] for i in inner if i[0] == "fp_text"):
-        return "a text elsewhere"
-    bodies = [ends for layer, *ends in drawn if layer == "F.Fab"]
+    drawn = [i for i in inner if i[0] == "fp_rect" and isinstance(i, tuple) and layer_of(i) != "F.Mask"]
+    if any(child(i, "fill")[1:] != ("none",) or values(i, "width") != [_LINE_MM] for i in drawn):
+        return "other lines"
+    bodies, courtyards = (
+        [(values(i, "start"), values(i, "end")) for i in drawn if layer_of(i) == layer] for layer in ("F.Fab", "F.CrtYd")
+    )
+    # how large a courtyard is says no manifest
+    if [[-x for x in start] for start, _ in courtyards] != [end for _, end in courtyards] or len(courtyards) != 1:
+        return "another courtyard"
     half = np.array(made.tape.part.body_mm[:2]) / 2
     right = len(bodies) == 1 and np.allclose(bodies[0], (-half, half), rtol=0.0, atol=PLACE_TOLERANCE_MM)
     return None if right else "another body"
@@ -303,8 +322,9 @@ def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile
     far_mm = shapely.distance(shapely.points(points), cut)
     # in a closed outline every end point occurs twice
     _, often = np.unique(np.round(ends, 4), axis=0, return_counts=True)
+    thin = all(values(item, "width") == [_LINE_MM] for item in sides)
     near = (far_mm[: len(ends)] <= PLACE_TOLERANCE_MM).all() and (far_mm <= _ARC_TOLERANCE_MM).all()
-    return [] if near and (often == 2).all() else ["its outline is not that of the outline layer"]
+    return [] if near and thin and (often == 2).all() else ["its outline is not that of the outline layer"]
 
 
 def _polygon(item: Tree, origin_mm: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from tactape_fab.kit.read.s_expression import read_s_expression
 from tactape_fab.verify.layers.kicad import Shown, _fiducials, _outline, _read_board, _tracks, sides_of
 from tactape_fab.verify.layers.kicad_drawn import child, rules_problems
 
-MARK = '(pad "" smd circle (at 0 0) (size 1 1) (layers "F.Cu" "F.Mask") (solder_mask_margin 0.5))'
+MARK = '(pad "" smd circle (at 0 0) (size 1 1) (layers "F.Cu" "F.Mask") (solder_mask_margin 0.5) (clearance 0.5))'
 BOARD = f"""(kicad_pcb (setup (aux_axis_origin 20 40))
 (gr_line (start 21 40) (end 49 40) (layer "Edge.Cuts")) (gr_line (start 50 39) (end 50 31) (layer "Edge.Cuts"))
 (gr_arc (start 49 30) (mid 49.7 30.3) (end 50 31) (layer "Edge.Cuts")) (gr_line (start 20 31) (end 20 39) (layer "Edge.Cuts"))
@@ -48,6 +48,7 @@ def test_sides_of_an_outline(size_mm: tuple[float, float], radius_mm: float, sid
         ("(at 0 0) (size", "(at 0 0.02) (size", "fiducials"),
         ("(size 1 1)", "(size 1 1.02)", "fiducials"),
         ("margin 0.5", "margin 0.6", "fiducials"),
+        ("clearance 0.5", "clearance 0.6", "fiducials"),
         ('"F.Cu" "F.Mask"', '"F.Cu"', "fiducials"),
         ('"F.Cu" "F.Mask"', '"B.Cu" "F.Mask"', "fiducials"),
         ("smd circle", "smd rect", "fiducials"),
@@ -81,6 +82,16 @@ def test_outline_and_fiducials_are_the_manifest_s(old: str, new: str, says: str)
         ("(gr_line", "(layers (0)) (gr_line", "'0' of 'layers' begins with 0 words, not 2 or 3"),
         ('(fp_text reference "FID2" (at 0 0))', "", "footprint 2 has 0 references, not one"),
         ("(setup", "(setup) (setup", "it has 2 times setup"),
+        ('(layer "Edge.Cuts"))', '(layer "Edge.Cuts") hide)', "'gr_line' holds 'hide', which this tool does not write"),
+        ("(end 49 40)", "(end 49 40) (locked)", "'gr_line' holds 'locked', which this tool does not write"),
+        ("(end 49 40)", "(end 49 40) (end 49 40)", "'gr_line' has 2 times end"),
+        ("(end 49 40)", "(end 49 40 (locked))", "'end' of 'gr_line' holds 'locked', which this tool does not write"),
+        ("(gr_line", "(gr_line locked", "'gr_line' begins with 1 word, not 0"),
+        (
+            "(gr_line",
+            '(layers (31 "B.Cu" signal locked)) (gr_line',
+            "'31' of 'layers' has another word than the name of its layer",
+        ),
     ],
 )
 def test_an_element_that_is_cut_short_is_named(old: str, new: str, says: str) -> None:
@@ -111,6 +122,7 @@ TRACK = '(segment (start 23 37) (end 25 38.5) (width 0.1) (layer "F.Cu") (net 0)
         (TRACK.replace("25 38.5", "25 38.52"), False),
         (TRACK.replace("width 0.1", "width 0.12"), False),
         (TRACK.replace("F.Cu", "B.Cu"), False),
+        (TRACK.replace("net 0", "net 1"), False),
         (TRACK * 2, False),
         ("", False),
     ],
