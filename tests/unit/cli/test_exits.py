@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -159,3 +161,11 @@ def test_a_signal_that_python_drops_comes_again(number: signal.Signals, handlers
 
     monkeypatch.setattr(type(main), "get_command", lambda *_: click.Command("drop", callback=drop))
     assert CliRunner().invoke(main, ["drop"]).exit_code == 128 + number
+
+
+@pytest.mark.parametrize("start", [("-m", "tactape_fab"), ("-c", "from tactape_fab.__main__ import run; run()")])
+def test_ctrl_c_while_the_command_line_is_imported_ends_it_without_a_traceback(tmp_path: Path, start: tuple[str, str]) -> None:
+    (tmp_path / "click.py").write_text("raise KeyboardInterrupt")
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, *start, "simulate"], env=env, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "stopped by Ctrl-C\n")
