@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -42,7 +43,7 @@ def refuse_picture(path: Path, key: str, *, overwrite: bool | None = None) -> No
 
 
 def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
-    """Refuse a folder for pictures before they are drawn: it is a file, or other files in it have the pictures' names.
+    """Refuse a folder for pictures before they are drawn: a file, read-only, or with other files that have the pictures' names.
 
     names: The pictures' file names, or a glob pattern of them.
     key: The option that names the folder.
@@ -52,13 +53,16 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
     try:
         # the folder may not exist yet: its nearest existing parent decides whether it can be made
         nearest = next(place for place in (folder, *folder.parents) if mode_of(place) is not None)
-        is_folder = nearest.is_dir()
+        is_folder, can_hold = nearest.is_dir(), os.access(nearest, os.W_OK | os.X_OK)
         paths = sorted(folder.glob(names)) if isinstance(names, str) else [folder / name for name in names]
         taken = [path for path in paths if mode_of(path) is not None]
     except (OSError, ValueError) as error:
         raise SpecError(Problem(key, f"{given} cannot be looked at: {reason_of(error)}; use another folder")) from error
     if not is_folder:
         message = f"{given}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
+        raise SpecError(Problem(key, message))
+    if not can_hold:
+        message = f"{given} cannot be written: no file can be made in {shown_path(nearest)}; use another folder"
         raise SpecError(Problem(key, message))
     for path in taken:  # the first other file is enough to refuse the folder
         refuse_taken_place(path, key, ours=is_own_picture, kind=_KIND)

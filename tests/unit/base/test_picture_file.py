@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from pathlib import Path
 
@@ -50,6 +51,13 @@ def test_a_picture_is_replaced_as_asked(tmp_path: Path) -> None:
     assert np.array_equal(np.asarray(cv2.imread(str(path))), 255 - PICTURE)
     with pytest.raises(SpecError, match=r"does not end with \.png"):
         refuse_picture(tmp_path / "a.jpg", "picture")
+
+
+def test_a_folder_that_is_read_only_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != tmp_path)  # root may write where others may not
+    for folder in (tmp_path, tmp_path / "new" / "one"):
+        with pytest.raises(SpecError, match=r"^overlay = .* cannot be written: no file can be made in .*; use another folder$"):
+            refuse_pictures(folder, "frame-*.png", "overlay")
 
 
 def test_a_folder_is_refused_before_the_work(tmp_path: Path) -> None:
