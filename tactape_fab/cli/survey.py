@@ -10,7 +10,7 @@ import click
 from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, number, workers_option
-from tactape_fab.cli.printing import counted, echo_json, echo_lines, step_shown
+from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, step_shown
 
 if TYPE_CHECKING:
     from tactape_fab.sense.survey.survey import Survey
@@ -57,7 +57,21 @@ def survey(
             workers=None if workers is None else number(workers),
         )
         path = found.as_built.write(output)
+        if found.posed is not None and found.posed < found.contacts:
+            echo_lines_err([posed_line(found.posed, found.contacts)])
         echo_json(found.to_mapping()) if as_json else echo_lines([*survey_lines(found), f"written: {path}"])
+
+
+def posed_line(posed: int, contacts: int) -> str:
+    """What --poses with a pose of some contacts only gives."""
+    from tactape_fab.sense.survey.adjust import LEAST_POSES
+
+    line = f"note: --poses: {posed} of {counted(contacts, 'contact')} have a pose; the others are placed by their dots alone"
+    return (
+        line
+        if posed >= LEAST_POSES
+        else f"{line}, and stretch and bend of the whole tape are not found: that takes {LEAST_POSES}"
+    )
 
 
 def survey_lines(found: Survey) -> list[str]:

@@ -57,6 +57,7 @@ class Survey:
 
     frames, contacts: Frames read, and those that were located and used.
     parts: Parts of the tape.
+    posed: Contacts with a pose of the robot; None where no poses were given.
     """
 
     as_built: AsBuilt
@@ -64,6 +65,7 @@ class Survey:
     frames: int
     contacts: int
     parts: int
+    posed: int | None = None
 
     def to_mapping(self) -> dict[str, Any]:
         """The figures as plain values. ``nuisance`` has camera parameters that absorb other distortions too: no calibration."""
@@ -196,6 +198,7 @@ def _surveyed(
         frames=count,
         contacts=len(contacts),
         parts=tape.part_count,
+        posed=sum(pose.frame in contacts for pose in robot) if robot else None,
     )
 
 

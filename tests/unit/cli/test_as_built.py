@@ -133,6 +133,14 @@ def test_survey_writes_places_that_decode_takes(kit: Path) -> None:
     assert said["contacts"] == said["frames"] == 40
     assert said["scatter_mm"] == pytest.approx(0.05, rel=0.2)
     assert [fix["places"] for fix in fixes("frames.npz --tape kit")].count("as-built") >= 36
+    with np.load("frames.npz") as frames:
+        (x, y), half = frames["position_mm"][:2].T * ((1,), (-1,)), np.radians(frames["theta_deg"][:2]) / 2
+    rows = [f"{k},{x[k]},{y[k]},0,0,{np.cos(half[k])},{np.sin(half[k])},0" for k in range(2)]
+    Path("poses.csv").write_text("\n".join(["frame,x_mm,y_mm,z_mm,qw,qx,qy,qz", *rows]))
+    few = run("survey frames.npz --tape kit --poses poses.csv -o few.json")
+    assert few.exit_code == 0, few.stderr
+    assert "note: --poses: 2 of 40 contacts have a pose; the others are placed by their dots alone, and stretch" in few.stderr
+    assert "note" not in result.stderr
     same = run("survey frames.npz --tape kit --from kit/as-built.json -o second.json")
     assert same.exit_code == 2 and "surveyed of these very frames" in same.stderr
     run("simulate kit -o more.npz --count 40 --seed 5 --contact 12x12 --from as-built --as-built truth.json")
