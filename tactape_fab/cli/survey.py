@@ -63,7 +63,7 @@ def survey(
 
 
 def posed_line(posed: int, contacts: int) -> str:
-    """What --poses with a pose of some contacts only gives."""
+    """The note that only some contacts have a pose."""
     from tactape_fab.sense.survey.adjust import LEAST_POSES
 
     line = f"note: --poses: {posed} of {counted(contacts, 'contact')} have a pose; the others are placed by their dots alone"
