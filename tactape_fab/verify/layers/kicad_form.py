@@ -94,6 +94,8 @@ def _refuse_others(name: str, tree: Tree, words: int, way: Sequence[Tree]) -> No
                 raise ReadbackError(f"{_way_to(way)} holds {quoted(found)}, which this tool does not write")
             if count > 1:
                 raise ReadbackError(f"{_way_to(way)} has {count} times {found}")
+    if name == "pts" and (strays := [item for item in tree[1:] if isinstance(item, str)]):
+        raise ReadbackError(f"{_way_to(way)} holds {quoted(strays[0])}, which this tool does not write")
     if name in _NUMBERS:
         for word in tree[1:]:
             number(str(word))

@@ -86,6 +86,7 @@ def test_outline_and_fiducials_are_the_manifest_s(old: str, new: str, says: str)
         ("(end 49 40)", "(end 49 40) (locked)", "'gr_line' holds 'locked', which this tool does not write"),
         ("(end 49 40)", "(end 49 40) (end 49 40)", "'gr_line' has 2 times end"),
         ("(end 49 40)", "(end 49 40 (locked))", "'end' of 'gr_line' holds 'locked', which this tool does not write"),
+        ("(gr_line", "(gr_poly (pts (xy 0 0) 1)) (gr_line", "'pts' of 'gr_poly' holds '1', which this tool does not write"),
         ("(gr_line", "(gr_line locked", "'gr_line' begins with 1 word, not 0"),
         (
             "(gr_line",
