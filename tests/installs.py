@@ -135,6 +135,36 @@ def installable(python: str, machine: str, numpy: str) -> dict[str, Mapping[str,
     return {name: resolved(python, machine, [NUMPYS[numpy], *wanted], glibc) for name, (wanted, glibc) in lists.items()}
 
 
+def free_threaded_wheels(machine: str) -> list[str]:
+    """Wheels that pip would install of the robot's half for the free-threaded Python 3.14, which uv cannot be asked for.
+
+    Raises
+    ------
+    RuntimeError
+        When there are none. For another Python pip takes wheels of the stable ABI too, which a free-threaded one cannot load.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder, "report.json")
+        command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet", "--target", folder]
+        command += [
+            "--only-binary=:all:",
+            "--python-version",
+            "3.14",
+            "--abi",
+            "cp314t",
+            "--platform",
+            f"manylinux_2_28_{machine}",
+        ]
+        command += ["--report", str(report), *ROBOT]
+        run = subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=False)
+        if run.returncode != 0:
+            raise RuntimeError(run.stderr.strip()[-300:])
+        found = [one["download_info"]["url"].rpartition("/")[2] for one in json.loads(report.read_text())["install"]]
+    if others := [name for name in found if not name.endswith("-none-any.whl") and "-cp314t-" not in name]:
+        raise RuntimeError(f"not for a free-threaded Python: {', '.join(others)}")
+    return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Companion:
     """What labs have that the package is to be installed beside: its Pythons and its requirements."""

@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
@@ -278,34 +277,15 @@ def _seconds_together(processes: int) -> float:
     return min(found)
 
 
-def test_processes_and_threads_decode_more_frames_than_one(benchmark: BenchmarkFixture, report: Report) -> None:
-    """N processes against one, and N threads of one process, a Localizer each; the best try counts.
-
-    Kernels of a frame keep the interpreter's lock, so threads take turns (`tactape_fab.base.jit`).
-    """
+def test_processes_decode_more_frames_than_one(benchmark: BenchmarkFixture, report: Report) -> None:
+    """N processes against one, the best try counts; `tests.bench.threads` has the same of threads."""
     cores = len(os.sched_getaffinity(0))
     if cores < 2:
         pytest.skip("one core")
-    frames = [frame.depth for frame in frames_of(ROWS[0], 40)]
-    localizers = [Localizer([registered_tape()]) for _ in range(cores)]
-
-    def decode(localizer: Localizer) -> None:
-        for _ in range(5):
-            for frame in frames:
-                localizer.locate(frame)
-
-    def times_faster() -> float:
-        one, all_of_them = Timed(lambda: decode(localizers[0])), Timed(lambda: list(pool.map(decode, localizers)))
-        one()
-        all_of_them()
-        return cores * one.seconds[0] / all_of_them.seconds[0]
-
-    with ThreadPoolExecutor(cores) as pool:
-        ratios = [times_faster() for _ in range(5)]
+    localizer, depth = Localizer([registered_tape()]), next(frames_of(ROWS[0], 1)).depth
     processes = cores * _seconds_together(1) / _seconds_together(cores)
-    run(benchmark, lambda: localizers[0].locate(frames[0]), rounds=20)
+    run(benchmark, lambda: localizer.locate(depth), rounds=20)
     report.figure(f"{cores} processes, times the frames of one", round(processes, 2))
-    report.figure(f"{cores} threads, times the frames of one", np.sort(ratios).round(2).tolist())
     assert processes > 1.2
     if ABSOLUTE:
         assert processes >= 0.9 * cores

@@ -28,6 +28,7 @@ from tests.installs import (
     beside,
     built_wheel,
     clean_environment,
+    free_threaded_wheels,
     fresh_environment,
     installable,
     installed,
@@ -179,6 +180,14 @@ def test_wheels_can_be_had_for_every_python_and_machine(python: str) -> None:
         refused = {name for name, answer in answers.items() if isinstance(answer, str)}
         expected = set(answers) if (python, numpy) in NO_WHEEL else {"[cad]"} if numpy == "1.26" else set()
         assert refused == expected, (python, machine, numpy, answers)
+
+
+@only_thorough
+@pytest.mark.usefixtures("registry")
+@pytest.mark.parametrize("machine", MACHINES)
+def test_the_robots_half_has_wheels_for_the_free_threaded_python(machine: str) -> None:
+    wheels = free_threaded_wheels(machine)
+    assert {name.partition("-")[0] for name in wheels} == {*ROBOT, "llvmlite"}
 
 
 @only_thorough

@@ -13,16 +13,12 @@ import pytest
 
 from tactape_fab import Localizer, Tape
 from tactape_fab.base.jit import COMPILED
-from tests.bench.copies import beside_busy_ms
 from tests.bench.stages import dispatchers
+from tests.bench.threads import answers, beside_busy_ms
 from tests.contacts import tape_of
 from tests.unit.sense.decode.test_touch import contacts, touch
 
 ROUNDS = 5
-
-
-def answers(localizer: Localizer, depths: list[np.ndarray]) -> list[dict[str, Any]]:
-    return [localizer.locate(depth).to_mapping(0) | {"elapsed_ms": 0.0} for depth in depths]
 
 
 @pytest.mark.parametrize("shared", [True, False], ids=["one Localizer", "one each"])
