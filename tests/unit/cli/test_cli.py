@@ -318,6 +318,26 @@ def test_a_full_disk_is_said_in_one_line(args: tuple[str, ...]) -> None:
     ]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="the shell's way to close a stream")
+@pytest.mark.parametrize("args", ["profiles", "--version", "decode -h"])
+def test_a_closed_standard_output_is_no_success(args: str) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$@" {args} >&-', "sh", *PROGRAM], capture_output=True, encoding="utf-8", check=False
+    )
+    said = "error: standard output cannot be written: Bad file descriptor; give it room, or another place\n"
+    assert (done.returncode, done.stderr) == (1, said)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the shell's way to close a stream")
+def test_no_file_gets_the_number_of_a_closed_stream(tmp_path: Path) -> None:
+    """What a child prints would be in it."""
+    asked = "import os; from tactape_fab.__main__ import run; run()"
+    first = "import os, atexit; atexit.register(lambda: open('number', 'w').write(str(os.open('file', os.O_CREAT))))"
+    shell = 'exec "$@" --version <&- >&- 2>&-'
+    subprocess.run(["sh", "-c", shell, "sh", sys.executable, "-c", f"{first}\n{asked}"], cwd=tmp_path, check=False)
+    assert int((tmp_path / "number").read_text()) > 2
+
+
 def test_no_temporary_folder_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where all are read-only, as in a container, or full, Python finds none, and asking for its name fails again."""
 
