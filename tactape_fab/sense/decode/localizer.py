@@ -255,7 +255,8 @@ class Localizer:
         gc.disable()  # a compiler makes millions of live objects: garbage collection would take a sixth of its time
         try:
             announce()
-            rehearse(dots, ripple, self._view, self._world if isinstance(self._world, Registry) else None)
+            registry = self._world if isinstance(self._world, Registry) else None
+            rehearse(dots, ripple, self._view, registry, elastic=self._contact_view.elastic)
             if COMPILED:
                 self._locate(dots, None)
             if self._pixel_fit is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tactape_fab.base.jit import COMPILED, KEPT
+from tactape_fab.sense.decode.contact.layer import factor
 from tactape_fab.sense.decode.contact.plane import robust_surface
 from tactape_fab.sense.decode.contact.surface import taken
 from tactape_fab.sense.decode.dots.detect import Dots, detect
@@ -59,8 +60,11 @@ def compiled() -> bool:
     return not any(turned.stats.cache_misses.values())
 
 
-def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | None) -> None:
-    """Call every kernel once, on made-up dots and a made-up depth map; of the search those that the registry's tapes need."""
+def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | None, *, elastic: bool) -> None:
+    """Call every kernel once, on made-up dots and a made-up depth map; of the search those that the registry's tapes need.
+
+    elastic: Whether frames are asked for forces, which need a gel of known thickness and modulus.
+    """
     if not COMPILED:
         return
     image = ripple.astype(np.float32)
@@ -75,6 +79,8 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
     line, normal = np.empty(image.shape[1]), np.zeros((7, 7))
     taken(image, image, dots.xy_px, agree, dots.weights, 1, 1, np.empty(n), np.empty((0, 0)), line, normal)
     robust_surface(dots.xy_px, dots.weights, dots.weights, np.zeros(3))
+    if elastic:
+        factor(np.eye(2), np.eye(2), np.zeros(2), np.arange(2), np.ones(2), 1.0, np.empty((5, 2)))
     dots = settled(dots, view.pitch_px, view.shift)
     xy = dots.xy_px - dots.xy_px.mean(axis=0)
     angle, pitch, phase_a, phase_b, _ = find_lattices(xy, dots.weights, view.pitch_px, view.scale_tolerance, 1)[0].tolist()

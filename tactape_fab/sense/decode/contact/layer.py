@@ -13,8 +13,9 @@ from math import sqrt
 
 import numpy as np
 
+from tactape_fab.base.jit import kernel
 from tactape_fab.sense.geometry import Gel
-from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 POISSON = 0.485
 """Poisson's ratio of a gel whose profile has none: silicone, nearly incompressible."""
@@ -28,17 +29,31 @@ _MIRRORS = 2
 """Multiples of the grid's frequency on each side that cells' means still show."""
 
 
-def response(size: tuple[int, int], cell_mm: tuple[float, float], gel: Gel) -> FloatArray:
-    """Mean deflection of each cell by a force of 1 N on each other; shape (n, n), mm/N, with cells row by row."""
-    assert gel.thickness_mm is not None and gel.modulus_kpa is not None
-    poisson = POISSON if gel.poisson is None else gel.poisson
-    return _response(size, cell_mm, gel.thickness_mm, gel.modulus_kpa / 1000.0, poisson)
-
-
 @lru_cache(maxsize=4)
+def _rates(
+    size: tuple[int, int],
+    cell_mm: tuple[float, float],
+    thickness_mm: float,
+    modulus_mpa: float,
+    poisson: float,
+    valid: bytes | None,
+) -> tuple[FloatArray, FloatArray]:
+    """What force on each cell and the frame's zero do to the depths that are known, and the products of any two of these.
+
+    valid: Of the array of cells whose depth is known; None: all.
+    Returns rates (n + 1, k): Mean deflection of each of k known cells, mm, by 1 N on each of n cells; then by a zero of 1 mm.
+    Returns products (n + 1, n + 1): Sums over the known cells.
+    """
+    rates = np.vstack([_response(size, cell_mm, thickness_mm, modulus_mpa, poisson), np.ones(size[0] * size[1])])
+    if valid is not None:
+        rates = rates[:, np.frombuffer(valid, dtype=np.bool_)]
+    return np.ascontiguousarray(rates), rates @ rates.T
+
+
 def _response(
     size: tuple[int, int], cell_mm: tuple[float, float], thickness_mm: float, modulus_mpa: float, poisson: float
 ) -> FloatArray:
+    """Mean deflection of each cell by a force of 1 N on each other; shape (n, n), mm/N, with cells row by row."""
     # a DFT is periodic: the grid is larger by four thicknesses, where 6e-4 of the response to a force on 1 mm^2 is left
     reach = [n + int(np.ceil(4 * thickness_mm / cell)) for n, cell in zip(size[::-1], cell_mm, strict=True)]  # u, v
     count = [1 << int(2 * n - 1).bit_length() for n in reach]
@@ -56,9 +71,7 @@ def _response(
     point = np.fft.ifft2(spectrum).real / (cell_mm[0] * cell_mm[1])
     # the response depends on the difference of places alone; negative ones are at the end of the periodic table
     row, column = np.divmod(np.arange(size[0] * size[1]), size[1])
-    out: FloatArray = point[row[:, None] - row, column[:, None] - column]
-    out.flags.writeable = False
-    return out
+    return np.asarray(point[row[:, None] - row, column[:, None] - column])
 
 
 def _compliance(wavenumber: FloatArray, thickness_mm: float, modulus_mpa: float, poisson: float) -> FloatArray:
@@ -91,27 +104,63 @@ def force_on(
     zero_mm: Standard deviation of the depth that a gel would have which nothing touches, about 0.
     valid (h, w): Cells whose depth is known.
     """
-    assert gel.modulus_kpa is not None
+    assert gel.thickness_mm is not None and gel.modulus_kpa is not None
     known_cells = slice(None) if valid is None else valid.ravel()
-    depth = depth_mm.ravel()
+    depth, modulus_mpa = depth_mm.ravel().astype(np.float64, copy=False), gel.modulus_kpa / 1000.0
     # the zero is not known yet: the fifth percentile is near it while a twentieth of the frame is not touched
     pressed = np.maximum(depth - np.quantile(depth[known_cells], 0.05), 0.0) * touched.ravel()
     if valid is not None:
         pressed = np.where(valid.ravel(), pressed, pressed[known_cells].mean() * touched.ravel())
     there = np.flatnonzero(pressed)
     # unknowns over their standard deviations: the forces on the cells there, and the zero
-    sigmas = np.append(PRESSURE * gel.modulus_kpa / 1000.0 * cell_mm[0] * cell_mm[1] * pressed[there], zero_mm)
-    rates = np.ones((len(depth), len(there) + 1))
-    rates[:, :-1] = response((depth_mm.shape[0], depth_mm.shape[1]), cell_mm, gel)[:, there]
-    rates *= sigmas / ERROR_MM
-    rates, depth = rates[known_cells], depth[known_cells]
-    # the two results as linear functions of z: the sum of all forces, and the zero
-    sums = np.column_stack([sigmas, sigmas])
-    sums[-1, 0] = sums[:-1, 1] = 0.0
-    # depth = rates z + noise, all over their standard deviations: the posterior of z is N((R^T R + 1)^-1 R^T d, (R^T R + 1)^-1)
-    known = rates.T @ rates
-    known[np.diag_indices(len(sigmas))] += 1.0
-    spread = np.linalg.solve(known, sums)
-    force, zero = (spread.T @ (rates.T @ (depth / ERROR_MM))).tolist()
-    variances = np.maximum((sums * spread).sum(axis=0), 0.0).tolist()
+    sigmas = np.append(PRESSURE * modulus_mpa * cell_mm[0] * cell_mm[1] * pressed[there], zero_mm)
+    poisson = POISSON if gel.poisson is None else gel.poisson
+    size = (depth_mm.shape[0], depth_mm.shape[1])
+    rates, products = _rates(size, cell_mm, gel.thickness_mm, modulus_mpa, poisson, None if valid is None else valid.tobytes())
+    work, unknowns = np.empty((len(sigmas) + 3, len(sigmas))), np.append(there, len(depth))
+    factor(products, rates, depth[known_cells], unknowns, sigmas, ERROR_MM, work)
+    # rows of L^-1 times the sums that are asked for, and times R^T d: their products are means and variances
+    force, zero = (work[-3:-1] @ work[-1]).tolist()
+    variances = (work[-3:-1] ** 2).sum(axis=1).tolist()
     return (force, sqrt(variances[0] + (SHARE * force) ** 2)), (zero, sqrt(variances[1]))
+
+
+@kernel(fastmath=True)
+def factor(
+    products: FloatArray,
+    rates: FloatArray,
+    depth: FloatArray,
+    unknowns: IntArray,
+    sigmas: FloatArray,
+    error: float,
+    work: FloatArray,
+) -> None:
+    """Factor the normal matrix of the unknowns, and solve with its factor for the sum of all forces, the zero, and the depths.
+
+    depth = rates z + noise, all over their standard deviations: the posterior of z is N(K^-1 R^T d, K^-1) with K = R^T R + 1.
+    Rows below K become L^-1 times what they are, by the recurrence of Cholesky's L itself. numpy's product and solver would give
+    this to several threads, and on a busy machine such a one waits for the others: 300 ms where it takes 1.
+
+    products, rates: From `_rates`.
+    depth (k,), mm
+    unknowns (m,): Rows of them that are asked for; the last is the zero.
+    sigmas (m,): Standard deviations of the unknowns before the frame.
+    error: That of a depth, mm.
+    work (m + 3, m): L, and below it three rows: the sums, each m, and R^T d.
+    """
+    m = len(unknowns)
+    for i in range(m):
+        row, right = unknowns[i], 0.0
+        for j in range(i + 1):
+            work[i, j] = sigmas[i] * sigmas[j] / (error * error) * products[row, unknowns[j]]
+        work[i, i] += 1.0
+        for k in range(len(depth)):
+            right += rates[row, k] * depth[k]
+        work[m, i], work[m + 1, i], work[m + 2, i] = sigmas[i], 0.0, sigmas[i] / (error * error) * right
+    work[m, m - 1], work[m + 1, m - 1] = 0.0, sigmas[m - 1]
+    for i in range(m + 3):
+        for j in range(min(i + 1, m)):
+            rest = work[i, j]
+            for k in range(j):
+                rest -= work[i, k] * work[j, k]
+            work[i, j] = np.sqrt(rest) if i == j else rest / work[j, j]

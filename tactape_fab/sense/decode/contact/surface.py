@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, hypot, inf, sqrt
+from math import ceil, hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -71,6 +71,11 @@ class ContactView:
     gel: Gel
     rough: bool
 
+    @property
+    def elastic(self) -> bool:
+        """Whether a force can be told: the gel's thickness and modulus are known."""
+        return self.gel.thickness_mm is not None and self.gel.modulus_kpa is not None
+
     def in_mm(self, heights: FloatArray, body_mm: float) -> ContactView | None:
         """The same in millimetres: where that is rough, by the unit in which whole dots have the height of such parts, if any.
 
@@ -100,7 +105,7 @@ def contact_view(sensor: SensorProfile) -> ContactView:
     geometry, scale, crown_mm = sensor.geometry, min(sensor.px_per_mm), sensor.gel.crown_mm or USUAL_CROWN_MM
     straight = (geometry.aspect, geometry.shear, geometry.k1) == (0.0, 0.0, 0.0)
     margin = max(round(TOP_MM * scale), 1)
-    # n cells have n x n responses (`layer.response`): of 900 they are 6.5 MB
+    # n cells have n x n responses, and as many products of them (`layer.force_on`): of 900 they are 13 MB
     least = sqrt(sensor.width_px * sensor.height_px / MOST_CELLS)
     block = coarseness(sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
     blocks = max(round(CELL_MM * scale / block), ceil(least / block))
@@ -264,23 +269,21 @@ class ContactSurface:
         if shown.size == 0:
             return None, None
         has_zero = abs(float(shown.mean())) > NO_ZERO * float(shown.max() - shown.min())
-        if gel.thickness_mm is None or gel.modulus_kpa is None:
+        if not self.view.elastic:
             return None, ((0.0, ZERO_MM) if has_zero else None)
         cell_mm = (self.view.factor / self.view.px_per_mm[0], self.view.factor / self.view.px_per_mm[1])
-        try:
-            zero_mm = ZERO_MM if has_zero else UNKNOWN_ZERO_MM
-            force, zero = force_on(depth, cell_mm, self._touched(), gel, zero_mm, self.view.valid)
-        except np.linalg.LinAlgError:
-            return None, None
-        return force, zero
+        zero_mm = ZERO_MM if has_zero else UNKNOWN_ZERO_MM
+        force, zero = force_on(depth, cell_mm, self._touched(), gel, zero_mm, self.view.valid)
+        # depths in another unit may be so large that the deviations before the frame are lost beside them
+        return (force, zero) if isfinite(sum(force + zero)) else (None, None)
 
     def _touched(self) -> BoolArray:
         """Cells of the coarse frame near a dot."""
         # middles of cells, where integers are pixel centres
         v, u = (np.indices(self.coarse.shape) + 0.5) * self.view.factor - 0.5
-        apart = self.view.on_gel(np.stack([u, v], axis=-1).reshape(-1, 2))[:, None] - self.view.on_gel(self.dots_px)
-        squares = np.einsum("ijk,ijk->ij", apart, apart).min(axis=1)
-        return np.asarray((squares < (REACH * self.pitch_mm) ** 2).reshape(self.coarse.shape))
+        cells, dots = self.view.on_gel(np.column_stack([u.ravel(), v.ravel()])), self.view.on_gel(self.dots_px)
+        squares = sum((cells[:, k, None] - dots[:, k]) ** 2 for k in range(2))
+        return np.asarray((np.min(squares, axis=1) < (REACH * self.pitch_mm) ** 2).reshape(self.coarse.shape))
 
     @cached_property
     def tilt(self) -> tuple[FloatArray, FloatArray] | None:

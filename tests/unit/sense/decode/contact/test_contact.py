@@ -13,6 +13,7 @@ import pytest
 
 from tactape_fab import Localization, Localizer
 from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
+from tactape_fab.sense.decode.contact import layer, surface
 from tactape_fab.sense.decode.contact.layer import force_on
 from tactape_fab.sense.decode.contact.plane import (
     BENT_SIGMA,
@@ -280,6 +281,37 @@ def test_a_force_is_found_by_the_layer_s_elasticity_alone(force_n: float, gel: G
     assert abs(zero - zero_mm) < 4 * zero_sigma + 0.005
 
 
+@pytest.mark.parametrize("masked", [False, True])
+def test_force_and_zero_are_those_of_numpy_s_solver(masked: bool) -> None:
+    """By the formula of their docstring, with a matrix of all that is known and of all unknowns."""
+    rng = np.random.default_rng(5)
+    depth = ball(3.0) + rng.normal(0.05, 0.003, (15, 20))
+    touched, valid = depth > 0.08, rng.random(depth.shape) > 0.1
+    known = valid.ravel() if masked else np.ones(depth.size, dtype=bool)
+    pressed = np.maximum(depth.ravel() - np.quantile(depth.ravel()[known], 0.05), 0.0) * touched.ravel()
+    pressed = np.where(known, pressed, pressed[known].mean() * touched.ravel())
+    sigmas = np.append(8.0 * 0.275 * pressed, 0.2)
+    response = layer._response(depth.shape, (1.0, 1.0), 4.0, 0.275, 0.485)
+    rates = (np.column_stack([response, np.ones(depth.size)]) * sigmas)[known] / layer.ERROR_MM
+    sums = np.array([[*sigmas[:-1], 0.0], [*np.zeros(depth.size), sigmas[-1]]])
+    covariance = np.linalg.inv(rates.T @ rates + np.eye(len(sigmas)))
+    expected = sums @ covariance @ rates.T @ (depth.ravel()[known] / layer.ERROR_MM)
+    deviation = np.sqrt(np.diag(sums @ covariance @ sums.T))
+    (force, sigma), (zero, zero_sigma) = force_on(depth, (1.0, 1.0), touched, GEL, 0.2, valid if masked else None)
+    assert [force, zero, zero_sigma] == pytest.approx([*expected, deviation[1]], rel=1e-9)
+    assert sigma == pytest.approx(np.hypot(deviation[0], layer.SHARE * force), rel=1e-9)
+
+
+def test_no_product_of_a_force_is_left_to_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """BLAS gives large ones to several, each of which waits for the others: 300 ms on a busy machine."""
+    depth = ball(2.0)
+    expected = force_on(depth, (1.0, 1.0), pressed_at(depth), GEL, 0.0005)  # what a gel's first force computes is kept
+    for name in ("solve", "inv", "cholesky", "lstsq", "eigh"):
+        monkeypatch.delattr(np.linalg, name)
+    monkeypatch.setattr(layer, "_response", None)
+    assert force_on(depth, (1.0, 1.0), pressed_at(depth), GEL, 0.0005) == expected
+
+
 def test_force_is_proportional_to_modulus() -> None:
     depth = ball(2.0)
     one, two = (
@@ -347,6 +379,13 @@ def test_a_frame_without_a_zero_says_the_same_by_what_lies_beside_the_contact() 
     unknown = replace(SENSOR, gel=replace(SENSOR.gel, modulus_kpa=None))
     blind = located(replace(frame, depth=frame.depth - frame.depth.mean()), unknown)
     assert (blind.indentation_mm, blind.force_n) == (None, None) and blind.tilt_deg is not None
+
+
+def test_a_force_that_is_no_number_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where rounding leaves nothing of a frame in another unit."""
+    monkeypatch.setattr(surface, "force_on", lambda *_: ((np.nan, np.nan), (0.0, 0.001)))
+    fix = located(frame_of(2.0))
+    assert (fix.force_n, fix.force_sigma_n, fix.indentation_mm) == (None, None, None) and fix.tilt_deg is not None
 
 
 def test_depths_are_in_the_profile_s_unit() -> None:
