@@ -15,6 +15,7 @@ ROUND = 0.3
 1/113 mm along a cylinder's axis. Contacts of the imprint model, which are domes, have 0.5 and more."""
 MOST_SINE = 0.95
 """Largest sine of the slope, 72 degrees, at which positions on a flank are computed."""
+_NO_SIGMA = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,17 +73,26 @@ class Bend:
             found.append([steep * c - along * s, steep * s + along * c])
         return np.array(found)
 
+    def of_gain(self, gain_error: float) -> FloatArray:
+        """How far that error of `bend_of` moves angle, curvature and slope along the axis, over their deviations; (3,)."""
+        sine = self.sine + self.curvature * self.middle_mm
+        # a steeper arc is longer: of f'' / (1 + f'^2)^(3/2) both change
+        curved = self.curvature * (1.0 - 3.0 * sine * sine)
+        moved = gain_error * np.array([sine * sqrt(max(1.0 - sine * sine, 0.0)), curved, self.along])
+        return np.asarray(moved / np.maximum([self.angle_sigma, self.curvature_sigma, self.along_sigma], _NO_SIGMA))
+
     @property
     def _sideways(self) -> FloatArray:
         """Unit vector along the axis."""
         return np.array([-self.across[1], self.across[0]])
 
-    def height_mm(self, middle_mm: FloatArray) -> float:
-        """Height in the image's centre minus that in the contact's middle, which is at `middle_mm` (2,)."""
-        cosine, at_middle = (sqrt(max(1.0 - s * s, 0.0)) for s in (self.sine, self.sine + self.curvature * self.middle_mm))
+    def heights_mm(self, middle_mm: FloatArray) -> FloatArray:
+        """Height in the image's centre minus that in the contact's middle, `middle_mm` (2,), for each of `circles`; (4,)."""
+        sines, curvatures, leans = self.circles.T
+        at_middle = sines + curvatures * self.middle_mm
+        cosines, cosines_there = (np.sqrt(np.maximum(1.0 - s * s, 0.0)) for s in (sines, at_middle))
         # d height / d arc is the sine and d angle / d arc the curvature: heights differ as the cosines do
-        along = self.along * float(middle_mm @ self._sideways)
-        return (at_middle - cosine) / self.curvature - along
+        return np.asarray((cosines_there - cosines) / curvatures - leans * float(middle_mm @ self._sideways))
 
     def unrolled(self, seen_mm: FloatArray, part_mm: float, error_mm: float) -> FloatArray:
         """Positions on the flattened film, from the image's centre, of tops seen along the sensor's axis.

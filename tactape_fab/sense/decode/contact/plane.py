@@ -140,13 +140,10 @@ def fit_plane(
     bend, of_profile = None, crown_mm is not None
     if not flat:
         middle_mm = weights @ gel_mm / weights.sum()
-        bend, of_profile = _bend(shown, variance, crown, middle_mm, hypot(GAIN_SIGMA / GAIN, unit_error))
+        gain_error = hypot(GAIN_SIGMA / GAIN, unit_error)
+        bend, of_profile = _bend(shown, variance, crown, middle_mm, gain_error)
         if bend is not None:
-            # beyond the contact the tops follow a circle, not the fitted parabola
-            rise[0] = float(terms(middle_mm) @ shown) / gain + bend.height_mm(middle_mm)
-            rise[1:], *others = bend.slopes
-            changes = np.array(others) - rise[1:]
-            of_rise[1:, 1:] = changes.T @ changes
+            rise, of_rise = _under_centre(bend, shown, variance, crown if of_profile else None, middle_mm, gain_error)
         elif crown_mm is not None:
             # a film is not bent about both axes, so its slope may as well be that of the contact's middle
             uu, vv, uv = shown[3:] / gain + crown
@@ -194,6 +191,34 @@ def _bend(
         surface[2:] = np.add(curvatures, (level, level, 0.0))
         found = bend_of(surface, of_surface, gain_error, middle_mm, least)
     return (None if found is not None and abs(found.curvature) <= CROWN_ERROR else found), known
+
+
+def _under_centre(
+    bend: Bend,
+    shown: FloatArray,
+    variance: FloatArray,
+    crown: FloatArray | None,
+    middle_mm: FloatArray,
+    gain_error: float,
+) -> tuple[FloatArray, FloatArray]:
+    """`Plane.rise` of a tape that is bent, and its covariance: beyond the contact tops follow a circle, not the fitted parabola.
+
+    crown (3,): Curvatures of the profile's crown; None of one that the tops show.
+    """
+    row, crown_error = terms(middle_mm), 0.0
+    if crown is None:
+        level = level_of(shown[3:] / GAIN) or 0.0
+        crown, crown_error = np.array([level, level, 0.0]), sqrt(ROUNDNESS**2 + max(variance.diagonal()[3:].tolist()) / GAIN**2)
+    # depths are over the gel's surface, which is lower in the contact's middle than in the image's centre
+    at_middle_mm = float(row @ shown / GAIN + row[3:] @ crown)
+    found = np.column_stack([at_middle_mm + bend.heights_mm(middle_mm), bend.slopes])
+    changes, of_gain = found[1:] - found[0], bend.of_gain(gain_error)
+    covariance = changes.T @ changes
+    # height and slopes are of one circle: by the tops' scatter they err together, by the gain the whole height as one
+    covariance[0] = covariance[:, 0] = (np.maximum(1.0 - of_gain**2, 0.0) * changes[:, 0]) @ changes
+    of_middle = float(row @ variance @ row) / GAIN**2 + (crown_error * hypot(row[3], row[4])) ** 2
+    covariance[0, 0] += of_middle + (gain_error * at_middle_mm + float(of_gain @ changes[:, 0])) ** 2
+    return found[0], covariance
 
 
 def level_of(curvatures: FloatArray) -> float | None:
