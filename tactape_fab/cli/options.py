@@ -151,22 +151,23 @@ def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def named_object(file: str | None, settings: Mapping[str, Any]) -> TapedObject | None:
-    """The object of --object; prints the misfit of its tags' measured corners.
+    """The object of --object; prints the misfit of its tags' measured corners, and how the films lie by them.
 
     An object's kits give code, W and Δ: these options are refused together with --object.
     """
     if file is None:
         return None
-    from tactape_fab.sense.objects.taped_object import read_object
+    from tactape_fab.sense.objects.taped_object import directions_of, read_object
 
     bare = [f"--{name}" for name in ("code", "w", "delta") if settings.get(name) is not None]
     if bare:
         message = f"{', '.join(bare)} and --object are given, but an object's kits say all of it; give either"
         raise SpecError(Problem("object", message))
     thing = read_object(file)
-    echo_lines_err(
-        f"{entry.tape.name} on {thing.name}: the tag's corners fit within {entry.misfit_mm:.3f} mm (rms)"
-        for entry in thing.tapes
-        if entry.misfit_mm is not None
-    )
+    for entry in thing.tapes:
+        if entry.misfit_mm is not None:
+            # corners in another order fit as well: of a square all begin alike, and from behind they go round the other way
+            right, out = (f"({', '.join(f'{v:.2f}' for v in (axis + 0.0).tolist())})" for axis in directions_of(entry).round(2).T)
+            fit = f"{entry.tape.name} on {thing.name}: the tag's corners fit within {entry.misfit_mm:.3f} mm (rms)"
+            echo_lines_err([f"{fit}; the film faces {out}, its x runs along {right}"])
     return thing

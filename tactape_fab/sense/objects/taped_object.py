@@ -17,9 +17,19 @@ from tactape_fab.base.templates import read_toml
 from tactape_fab.sense.decode.result import Localization, refuse_no_answer, state_of, tape_named
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
 from tactape_fab.sense.geometry import from_quaternion
-from tactape_fab.sense.objects.mount import AROUND, SURFACES, Mount, ObjectPose, on_surface, printed_mount, texture_surface
+from tactape_fab.sense.objects.mount import (
+    AROUND,
+    SURFACES,
+    Mount,
+    ObjectPose,
+    on_surface,
+    printed_mount,
+    texture_surface,
+    to_object,
+)
 from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
+from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import find_manifest, read_manifest
 from tactape_fab.texture.registry import read_registered
 from tactape_fab.texture.tape import Tape
@@ -136,6 +146,12 @@ def read_object(path: str | Path) -> TapedObject:
     _refuse_doubles(tapes, table)
     refuse(table.problems)
     return TapedObject(name=name, tapes=tuple(tapes))
+
+
+def directions_of(entry: TapeOnObject) -> FloatArray:
+    """Where board x runs at a tape's tag, and where the film faces there, as columns in the object frame; (3, 2)."""
+    middle_mm = tag_corners_mm(entry.tape).mean(axis=0)
+    return np.asarray(to_object(entry.mount, middle_mm)[1][0][:, [0, 2]])
 
 
 def refuse_ambiguous(thing: TapedObject, tapes: Sequence[Tape]) -> None:

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from tactape_fab import Kit, Localization, TapeSpec, make_kit, read_object
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
+from tactape_fab.cli.options import named_object
 from tactape_fab.sense.geometry import from_quaternion
 from tactape_fab.sense.objects.mount import Mount, sensor_on_object, to_object
 from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
@@ -189,6 +190,26 @@ def test_corners_in_metres_or_out_of_order_are_no_tag(small_kit: Kit, tmp_path: 
     for wrong in (corners / 1000, corners[[0, 2, 1, 3]]):
         with pytest.raises(SpecError, match=r"off those of a tag of 4 mm.*lower left corner, counter-clockwise"):
             read_object(write(tmp_path, small_kit, f'surface = "plane"\ntag_corners_mm = {wrong.tolist()}'))
+
+
+@pytest.mark.parametrize(
+    ("order", "says"),
+    [
+        ([0, 1, 2, 3], "the film faces (0.00, 0.00, 1.00), its x runs along (1.00, 0.00, 0.00)"),
+        ([0, 3, 2, 1], "the film faces (0.00, 0.00, -1.00), its x runs along (0.00, 1.00, 0.00)"),
+        ([3, 2, 1, 0], "the film faces (0.00, 0.00, -1.00), its x runs along (1.00, 0.00, 0.00)"),
+        ([3, 0, 1, 2], "the film faces (0.00, 0.00, 1.00), its x runs along (0.00, -1.00, 0.00)"),
+    ],
+    ids=["as asked for", "clockwise", "as OpenCV has them", "from the upper left"],
+)
+def test_how_a_film_lies_by_its_corners_is_said(
+    small_kit: Kit, tmp_path: Path, capsys: pytest.CaptureFixture[str], order: list[int], says: str
+) -> None:
+    """Corners of a square fit in any order round it: from the upper left, clockwise, as OpenCV has them, inside out."""
+    corners = np.column_stack([tag_corners_mm(small_kit.tape), np.zeros(4)])[order]
+    path = write(tmp_path, small_kit, f'surface = "plane"\ntag_corners_mm = {corners.tolist()}')
+    named_object(str(path), {})
+    assert f"fit within 0.000 mm (rms); {says}" in capsys.readouterr().err
 
 
 def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> None:
