@@ -12,6 +12,9 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
 
+NO_ARRAY = (TypeError, ValueError, OverflowError, RuntimeError)
+"""What `np.asarray` raises of what is no array of numbers; RuntimeError is that of PyTorch for a tensor that requires grad."""
+
 
 def refuse_other(value: object, kind: type | tuple[type, ...], key: str, what: str, remedy: str) -> None:
     """Refuse a value of another type.
@@ -62,7 +65,7 @@ def as_numbers(
         if array.size and array.dtype.kind not in "fiu":
             raise TypeError
         array = array.astype(np.float64).ravel() if flat else array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError):
+    except NO_ARRAY:
         raise SpecError(Problem(key, f"{key} = {shown(value)} is no array of numbers; give {remedy}")) from None
     if len(array.shape) != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
         raise SpecError(Problem(key, f"{key} has the shape {array.shape}; give {remedy}"))

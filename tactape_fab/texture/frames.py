@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.given_value import unmasked
+from tactape_fab.base.given_value import NO_ARRAY, unmasked
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -77,7 +77,7 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         # axis by axis: broadcasting over a last axis of length 2 takes numpy many times as long
         np.add(xy[..., 0], texture_origin_mm[0], out=board[..., 0])
         np.subtract(texture_origin_mm[1], xy[..., 1], out=board[..., 1])
-    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
+    except (*NO_ARRAY, IndexError, KeyError):
         raise SpecError(_NO_POINTS) from None
     return board
 
@@ -108,7 +108,7 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         texture = np.empty(xy.shape)
         for axis in (0, 1):  # as above
             np.subtract(xy[..., axis], texture_origin_mm[axis], out=texture[..., axis])
-    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
+    except (*NO_ARRAY, IndexError, KeyError):
         raise SpecError(_NO_POINTS) from None
     np.negative(texture[..., 1], out=texture[..., 1])
     return texture

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -256,6 +256,32 @@ def of(value: Any) -> Any:
 def test_what_is_of_another_type_is_refused_with_what_to_give(call: Callable[[], object], said: str) -> None:
     with pytest.raises(SpecError, match=said):
         call()
+
+
+class OfAnotherLibrary:
+    """An array of a library that gives none, as a tensor of PyTorch that requires grad: a network's output as it comes."""
+
+    def __array__(self, dtype: object = None, copy: object = None) -> NoReturn:
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad. Use tensor.detach().numpy() instead.")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda given: Localizer(TAPE).locate(given),
+        lambda given: Localizer(TAPE).locate_dots(given),
+        lambda given: image_message(given, load_sensor("digit"), 0),
+        lambda given: simulate(TAPE, (1.0, 2.0), 0.0, parts=given),
+        lambda given: pixels_to_texture(TAPE, given, EYE, ONES, EYE),
+        lambda given: texture_to_board(given, (0.0, 0.0)),
+        lambda given: refine_tag_pose(TAPE, given, EYE, ONES, EYE),
+        lambda given: calibrate_sensor([given] * 10, TAPE),
+    ],
+    ids=["locate", "dots", "image_message", "simulate", "pixels_to_texture", "texture_to_board", "refine_tag_pose", "calibrate"],
+)
+def test_what_another_library_gives_no_array_of_is_refused(call: Callable[[Any], object]) -> None:
+    with pytest.raises((FrameError, SpecError), match=r"no array|no point|no depth map"):
+        call(OfAnotherLibrary())
 
 
 def test_a_time_beyond_any_number_is_refused() -> None:

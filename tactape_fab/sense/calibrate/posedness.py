@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
-from tactape_fab.base.given_value import refuse_other, unmasked
+from tactape_fab.base.given_value import NO_ARRAY, refuse_other, unmasked
 from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import Bundle
 from tactape_fab.sense.calibrate.hand_eye import HandEye
@@ -96,7 +96,7 @@ def _numbers(given: npt.ArrayLike, index: int) -> Frame:
             raise ValueError(f"shape {array.shape}, dtype {array.dtype}")
         with np.errstate(over="ignore", invalid="ignore"):
             return np.ascontiguousarray(array, dtype=np.float32)
-    except (TypeError, ValueError, OverflowError) as error:
+    except NO_ARRAY as error:
         raise FrameError(
             f"frame {index} is no depth map: {error}; give arrays (h, w) of numbers, 16 px or more a side"
         ) from error

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError
+from tactape_fab.base.given_value import NO_ARRAY
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.objects.tag_fit import (
     Pose,
@@ -162,6 +163,8 @@ def refine_tag_pose(
         picture = np.asarray(image)
     except ValueError as error:
         raise FrameError("the picture's rows have several lengths; give (h, w) gray levels, uint8") from error
+    except NO_ARRAY as error:
+        raise FrameError(f"the picture is no array: {error}; give (h, w) gray levels, uint8") from error
     if picture.ndim != 2 or picture.dtype != np.uint8:
         raise FrameError(
             f"a picture of shape {picture.shape} and type {picture.dtype} is invalid; give (h, w) gray levels, uint8"

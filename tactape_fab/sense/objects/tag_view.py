@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.given_value import as_numbers, unmasked
+from tactape_fab.base.given_value import NO_ARRAY, as_numbers, unmasked
 from tactape_fab.base.libraries import library
 from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_texture
@@ -152,7 +152,7 @@ def rays_of(pixels: FloatArray, matrix: FloatArray, lens: FloatArray | None) -> 
 
 def _pairs(given: npt.ArrayLike, key: str, remedy: str) -> FloatArray:
     """Points (n, 2), or a single one. Raises SpecError for anything else."""
-    with suppress(ValueError):  # of rows of several lengths, which are refused below
+    with suppress(*NO_ARRAY):  # such as of rows of several lengths, which are refused below
         given = np.empty((0, 2)) if np.size(given) == 0 else unmasked(given)
         given = [given] if np.ndim(given) == 1 else given
     return as_numbers(given, (None, 2), key, remedy, finite=False)

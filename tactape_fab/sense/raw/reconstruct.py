@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.given_value import NO_ARRAY
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.raw.perceptron import of_pixels
 from tactape_fab.sense.raw.torch_file import read_tensors
@@ -253,7 +254,7 @@ def _read_scale(px_per_mm: object) -> tuple[float, float]:
 def _checked(image: npt.ArrayLike, what: str) -> Image:
     try:
         picture = np.asarray(image)
-    except ValueError as error:
+    except NO_ARRAY as error:
         raise FrameError(f"the {what} is no array: {error}; give uint8 (h, w, 3), blue first") from error
     if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
         raise FrameError(f"the {what} is {picture.dtype} of shape {picture.shape}; give uint8 (h, w, 3), blue first")

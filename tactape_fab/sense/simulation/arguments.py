@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import Fields
-from tactape_fab.base.given_value import unmasked
+from tactape_fab.base.given_value import NO_ARRAY, unmasked
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, as_sensor
 from tactape_fab.sense.simulation.scene import Scene, as_scene
 from tactape_fab.texture.board import LEAST_BEND_THICKNESSES
@@ -81,7 +81,7 @@ def checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:
     check_count(count)
     try:
         rows = np.array(unmasked(poses), dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
+    except NO_ARRAY as error:
         raise SpecError(Problem("poses", f"poses is no array of numbers: {error}; give (x mm, y mm, theta deg) rows")) from error
     if rows.shape != (count, 3):
         raise SpecError(Problem("poses", f"poses has shape {rows.shape}, not ({count}, 3); give (x mm, y mm, theta deg) rows"))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.given_path import as_path
-from tactape_fab.base.given_value import as_numbers, refuse_other, unmasked
+from tactape_fab.base.given_value import NO_ARRAY, as_numbers, refuse_other, unmasked
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.board import LONGEST_MM
@@ -95,7 +95,7 @@ def as_parts(tape: Tape, parts: Parts | npt.ArrayLike | None) -> Parts:
         return parts
     try:
         rows = np.array(unmasked(parts), dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
+    except NO_ARRAY as error:
         raise SpecError(Problem("parts", f"parts is no array of numbers: {error}; {remedy}")) from error
     if rows.ndim != 2 or rows.shape[1] not in (2, 3) or len(rows) > MOST_POINTS:
         raise SpecError(Problem("parts", f"parts has shape {rows.shape}; {remedy}, at most {MOST_POINTS}"))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError
-from tactape_fab.base.given_value import unmasked
+from tactape_fab.base.given_value import NO_ARRAY, unmasked
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.dots.holes import filled
 from tactape_fab.sense.sensors import SensorProfile
@@ -53,7 +53,7 @@ def canonical_depths(depth: npt.ArrayLike, sensor: SensorProfile) -> tuple[npt.N
         else:
             with np.errstate(over="ignore", invalid="ignore"):  # what is too large becomes a hole
                 image = np.require(frame, np.float32, ("C", "A", "W"))
-    except (TypeError, ValueError, OverflowError) as error:
+    except NO_ARRAY as error:
         raise FrameError(f"the frame is no array of numbers: {error}; give a depth map (h, w)") from error
     expected = sensor.frame_shape
     if image.ndim != 2:
@@ -147,5 +147,5 @@ def dot_numbers(values: npt.ArrayLike) -> FloatArray:
         if array.dtype.kind not in "fiub":
             raise ValueError(f"dtype {array.dtype}")
         return array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
+    except NO_ARRAY as error:
         raise FrameError(f"dots are no array of numbers: {error}; give xy (n, 2) and weights (n,)") from error
