@@ -268,11 +268,12 @@ def _read_pose(table: Fields, given: list[str]) -> tuple[np.ndarray, np.ndarray]
     if "rpy_deg" in given:
         turn = from_rpy(table.numbers("rpy_deg", 3, low=-360.0, high=360.0, unit="deg"))
     if "quaternion_xyzw" in given:
+        before = len(table.problems)
         quaternion = table.numbers("quaternion_xyzw", 4, low=-1.01, high=1.01, unit="", default=(0.0, 0.0, 0.0, 1.0))
         length = float(np.linalg.norm(quaternion))
-        if abs(length - 1.0) > 0.01:
+        if len(table.problems) == before and abs(length - 1.0) > 0.01:  # of refused numbers it is none of the user's
             table.problem("quaternion_xyzw", f"quaternion_xyzw has length {length:.3f}, not 1; give x, y, z, w of a rotation")
-        else:
+        elif length > 0.0:
             turn = from_quaternion(quaternion)
     if "tag_corners_mm" not in given:
         position = np.array(table.numbers("position_mm", 3, low=-FARTHEST_MM, high=FARTHEST_MM))

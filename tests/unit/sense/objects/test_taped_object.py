@@ -212,6 +212,16 @@ def test_how_a_film_lies_by_its_corners_is_said(
     assert f"fit within 0.000 mm (rms); {says}" in capsys.readouterr().err
 
 
+def test_the_length_of_a_quaternion_that_is_refused_is_not_said(small_kit: Kit, tmp_path: Path) -> None:
+    """Of one of length 2 it was said that it had length 0."""
+    path = write(tmp_path, small_kit, 'surface = "plane"\nposition_mm = [1, 2, 3]\nquaternion_xyzw = [2, 0, 0, 0]')
+    with pytest.raises(SpecError) as refused:
+        read_object(path)
+    assert [problem.message.split("; ")[0].split("].", 1)[1] for problem in refused.value.problems] == [
+        "quaternion_xyzw[0] = 2 exceeds 1.01"
+    ]
+
+
 def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> None:
     entry = 'surface = "plane"\nradius_mm = 3\nposition_mm = [1, 2]\nrpy_deg = [0, 0, nan]\ncolour = 1'
     more = (
