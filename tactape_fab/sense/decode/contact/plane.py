@@ -214,10 +214,12 @@ def _under_centre(
     found = np.column_stack([at_middle_mm + bend.heights_mm(middle_mm), bend.slopes])
     changes, of_gain = found[1:] - found[0], bend.of_gain(gain_error)
     covariance = changes.T @ changes
-    # height and slopes are of one circle: by the tops' scatter they err together, by the gain the whole height as one
-    covariance[0] = covariance[:, 0] = (np.maximum(1.0 - of_gain**2, 0.0) * changes[:, 0]) @ changes
+    # height and slopes are of one circle, and err together by the tops' scatter; by the gain each for itself: in the elastic
+    # simulator heights are those of a gain of 1, and curvatures of 0.9
+    scattered = np.maximum(1.0 - of_gain**2, 0.0)
+    covariance[0] = covariance[:, 0] = (scattered * changes[:, 0]) @ changes
     of_middle = float(row @ variance @ row) / GAIN**2 + (crown_error * hypot(row[3], row[4])) ** 2
-    covariance[0, 0] += of_middle + (gain_error * at_middle_mm + float(of_gain @ changes[:, 0])) ** 2
+    covariance[0, 0] += of_middle + (gain_error * at_middle_mm) ** 2 + float(((of_gain * changes[:, 0]) ** 2).sum())
     return found[0], covariance
 
 

@@ -160,8 +160,9 @@ def test_height_and_slopes_under_the_centre_are_as_sure_as_they_are_said(
         assert np.linalg.eigvalsh(plane.covariance / np.outer(sigmas, sigmas)).min() > 0.0
         errors.append((plane.rise - (0.4, 0.0, 0.0)) / sigmas)
     squares = (np.array(errors) ** 2).mean(axis=0)
-    # squares of normal numbers: of 100 their mean scatters by 0.14; slopes, and heights by a crown not known, are surer than said
-    assert squares.max() < 1.5 and (crown_mm is None or squares[0] > 0.4)
+    # squares of normal numbers: of 100 their mean scatters by 0.14. Slopes are surer than said, and so are heights far from the
+    # contact, where all err by one gain: the elastic gel has one for heights and another for curvatures
+    assert squares.max() < 1.5 and (crown_mm is None or off_mm > 0.0 or squares[0] > 0.6)
 
 
 @pytest.mark.parametrize("radius_mm", [15.7, 100.0])
