@@ -90,6 +90,7 @@ class OrderFacts:
         there is no space.
     slash: Direction of a part seen from above: one of ``- / | \\``.
     fits_panel: Whether the board alone is within the assembly line's limits.
+    fits_rails: Whether it is with the rails and slots of a panel, which the fab could make of it.
     questions, broken, warnings, close: Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), warnings
         without a threshold, and those questions whose limit is met with less than the margin `_CLOSE`.
     coverlays: Ways in which the tapes' coverlay is opened, without repetition.
@@ -116,6 +117,7 @@ class OrderFacts:
     number_mm: Box | None
     slash: str
     fits_panel: bool
+    fits_rails: bool
     least_gap_mm: float
     least_hole_mm: float | None
     opening_mm: tuple[float, float]
@@ -187,6 +189,7 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
             low - TOLERANCE_MM <= side <= high + TOLERANCE_MM
             for low, side, high in zip(least, (longer, shorter), most, strict=True)
         ),
+        fits_rails=all(side <= high + TOLERANCE_MM for side, high in zip((longer, shorter), fab.largest_railed_mm, strict=True)),
         least_gap_mm=_least_gap_mm([layout], fab, findings),
         least_hole_mm=min((hole[2] for hole in tape.board.holes), default=None),
         opening_mm=layout.outlines.opening_size_mm,
@@ -234,6 +237,7 @@ def panel_order_facts(
         legend=any(map(_has_legend, layouts)),
         part_count=sum(counts),
         fits_panel=True,
+        fits_rails=True,
         least_gap_mm=_least_gap_mm(layouts, fab, findings),
         least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
         estimate=estimate(sum(counts), fab),

@@ -161,6 +161,12 @@ class FabProfile:
         return min(longer, board[0]), min(shorter, board[1])
 
     @property
+    def largest_railed_mm(self) -> tuple[float, float]:
+        """Longer and shorter side of the largest board that fits on a panel: a panel of one has two rails and two slots."""
+        around_mm, (longer, shorter) = 2 * (self.panel.rail_mm + self.panel.gap_mm), self.largest_panel_mm
+        return longer - around_mm, shorter - around_mm
+
+    @property
     def mask_name(self) -> str:
         """Name of the layer that covers the copper: a coverlay with cut openings, or a photoimageable solder mask."""
         return "solder mask" if "lpi" in self.coverlay_modes else "coverlay"

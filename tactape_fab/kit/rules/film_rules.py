@@ -359,10 +359,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
 
 def _size_remedy(size_mm: Sequence[float], level: bool, fab: FabProfile, *, small: bool, large: bool) -> str:
     """Remedy for an item that assembly does not accept: a panel if the item fits on one with its rails, else another size."""
-    panel = fab.panel
-    # the panel of a single tape adds two rails and two slots
-    around_mm = 2 * (panel.rail_mm + panel.gap_mm)
-    room_mm = [most - around_mm for most in fab.largest_panel_mm]
+    room_mm = fab.largest_railed_mm
     fits = all(side <= most + TOLERANCE_MM for side, most in zip(size_mm, room_mm, strict=True))
     if small and not large and fits:
         return "; order it in a panel"

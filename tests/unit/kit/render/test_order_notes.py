@@ -253,7 +253,9 @@ def test_a_forced_tape_says_so_and_a_sound_one_does_not() -> None:
 def test_a_board_that_fits_the_line_needs_no_panel() -> None:
     assert "please panelise it" in notes_of(facts_of(examined(size_mm=(100.0, 50.0))))
     assert "please panelise it" not in notes_of(facts_of(examined(size_mm=(100.0, 80.0), pitch_mm=4.0)))
-    assert "please panelise it" in notes_of(facts_of(examined(size_mm=(251.0, 80.0), pitch_mm=4.0)))
+    # no panel makes it shorter
+    assert "please panelise it" not in (long := notes_of(facts_of(examined(size_mm=(251.0, 80.0), pitch_mm=4.0))))
+    assert "Do you place its parts all the same" in long
 
 
 def packed_notes(tapes: list[Examined]) -> str:
@@ -304,6 +306,34 @@ def test_parts_of_turned_tapes_are_turned_as_the_list_has_them(rotation_deg: flo
     said = packed_notes(tapes)
     assert f"all on top, turned {first} deg counter-clockwise, on tapes that lie turned {second} deg: seen" in said
     assert f"every part leans like this: {lean} or, on turned tapes, {lean_turned}" in said
+
+
+@pytest.mark.parametrize("fab", ["generic-fpc", "jlcpcb-fpc", "jlcpcb-fr4", "pcbway-fpc", "pcbway-fr4"])
+@pytest.mark.parametrize(
+    ("size_mm", "panelised", "asked"),
+    [
+        ((100.0, 50.0), True, False),  # too small alone
+        ((236.0, 50.0), True, False),  # 250 mm with rails and slots
+        ((236.1, 50.0), False, True),  # too narrow alone, too long with rails
+        ((50.0, 260.0), False, True),  # too long alone
+        ((100.0, 80.0), False, False),
+    ],
+)
+def test_no_fab_is_asked_to_panelise_what_its_line_takes_on_no_panel(
+    fab: str, size_mm: tuple[float, float], panelised: bool, asked: bool
+) -> None:
+    text = notes_of(facts_of(examined(fab=fab, size_mm=size_mm, tag="none")))
+    assert ("please panelise it" in text) == ("as the remark of step 8 says" in text) == panelised
+    assert (re.search(r"[Ss]ingle (pieces|PCB)", text) is not None) == (not panelised)
+    assert ("Do you place its parts all the same" in text) == asked
+    if asked:
+        assert f"This board of {size_mm[0]:g} x {size_mm[1]:g} mm is outside that" in text
+
+
+@pytest.mark.parametrize(("part", "why"), [("r0201", " (Economic takes no 0201)"), ("r0402", "")])
+def test_why_assembly_is_standard_is_said_of_the_part_that_is_placed(part: str, why: str) -> None:
+    text = notes_of(facts_of(examined(fab="jlcpcb-fpc", part=part, pitch_mm=2.2, displacement_mm=0.3)))
+    assert re.search(rf"^   PCB Assembly +yes, Standard{re.escape(why)}$", text, re.MULTILINE)
 
 
 def test_more_parts_than_a_line_takes_are_said() -> None:
