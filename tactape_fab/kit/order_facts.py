@@ -99,6 +99,7 @@ class OrderFacts:
     pitch_words, displacement_words: W and Δ of all tapes.
     first_mm, last_mm: Places of the first and the last part.
     stiffener, adhesive: Layer laminated to the underside: material and thickness in mm.
+    backed_holes: Whether a tape has holes, which go through these layers; those in the rails of a panel do not.
     anchors: ``spur``, ``mesh`` or ``none``.
     """
 
@@ -135,6 +136,7 @@ class OrderFacts:
     turned_slash: str = ""
     stiffener: str | None = None
     adhesive: str | None = None
+    backed_holes: bool = False
     anchors: str = "none"
     designs: int = 1
     panel: OrderedPanel | None = None
@@ -206,6 +208,7 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         last_mm=_place(layout.parts_xy_mm[-1]),
         stiffener=layout.stiffener,
         adhesive=layout.adhesive,
+        backed_holes=bool(tape.board.holes),
         anchors="none" if layout.anchors is None else layout.anchors.mode,
     )
 
@@ -239,6 +242,7 @@ def panel_order_facts(
         fits_panel=True,
         fits_rails=True,
         least_gap_mm=_least_gap_mm(layouts, fab, findings),
+        backed_holes=bool(holes),
         least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
         estimate=estimate(sum(counts), fab),
         coverlays=[*ways],

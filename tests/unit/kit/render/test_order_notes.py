@@ -22,6 +22,7 @@ from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.order_facts import OrderFacts, order_facts, panel_order_facts
 from tactape_fab.kit.panel.packing import pack_panels
 from tactape_fab.kit.profiles import COVERLAY_MODES, FabProfile, load_fab
+from tactape_fab.kit.profiles.fabs import BACKING_ROLES
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.writer import FAB_ZIP_ROLES, RENDERERS
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
@@ -38,7 +39,7 @@ def examined(**values: Any) -> Examined:
 
 
 def files_of(made: Examined) -> list[AnyArtifact]:
-    film = [artifact for role in ("cpl", "bom") for artifact in RENDERERS[role](made.drawing, made.fab)]
+    film = [artifact for role in ("cpl", "bom", *BACKING_ROLES) for artifact in RENDERERS[role](made.drawing, made.fab)]
     others = {"fab-zip": "-fab.zip", "preview-png": ".png", "placement-preview": "-placements.svg"}
     return [*film, *(Artifact(role=role, path=made.tape.name + ending, data=b"") for role, ending in others.items())]
 
@@ -334,6 +335,25 @@ def test_no_fab_is_asked_to_panelise_what_its_line_takes_on_no_panel(
 def test_why_assembly_is_standard_is_said_of_the_part_that_is_placed(part: str, why: str) -> None:
     text = notes_of(facts_of(examined(fab="jlcpcb-fpc", part=part, pitch_mm=2.2, displacement_mm=0.3)))
     assert re.search(rf"^   PCB Assembly +yes, Standard{re.escape(why)}$", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("backings", "through"),
+    [
+        ({}, ""),
+        ({"stiffener": "FR4 0.2"}, "stiffener as well, whose layer shows"),
+        ({"adhesive": "3M468 0.13"}, "adhesive as well, whose layer shows"),
+        ({"stiffener": "FR4 0.2", "adhesive": "3M468 0.13"}, "stiffener and adhesive as well, whose layers show"),
+    ],
+)
+def test_holes_are_said_to_go_through_what_is_laminated_below(backings: dict[str, str], through: str) -> None:
+    plain, drilled = (examined(holes_mm=holes_mm, **backings) for holes_mm in ((), ((25.0, 15.0, 2.0),)))
+    assert "go through" not in notes_of(facts_of(plain))
+    said = flat(notes_of(facts_of(drilled)))
+    assert (f"The holes of the drill file go through {through} the outline alone." in said) == bool(through)
+    # tooling holes of the rails have nothing below them
+    assert "go through" not in packed_notes([plain])
+    assert ("The holes of the drill file in tapes go through" in packed_notes([plain, drilled])) == bool(through)
 
 
 def test_more_parts_than_a_line_takes_are_said() -> None:
