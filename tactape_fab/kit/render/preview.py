@@ -27,6 +27,7 @@ from tactape_fab.kit.render.colours import (
     Colour,
     rgb8,
 )
+from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.shapes import outlines_at, rotate
 
@@ -133,7 +134,7 @@ def render_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[L
     fab: Gives the colours of coverlay and legend.
     """
     files = {a.role: a.data for a in artifacts if isinstance(a, Artifact)}
-    name = next(a.path for a in artifacts if a.role == "cpl").rsplit("/", 1)[-1].removesuffix("-cpl.csv")
+    name = next(a.path for a in artifacts if a.role == "cpl").rsplit("/", 1)[-1].removesuffix(PLACEMENTS[fab.assembly].ending)
     shapes, outline = _picture(files, fab)
     size_mm = outline.max(axis=0)
     return (

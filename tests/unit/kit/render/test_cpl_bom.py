@@ -18,6 +18,7 @@ from tactape_fab.kit.read.gerber_file import ReadbackError
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.kit.render.cpl_bom import render_bom, render_cpl
 from tactape_fab.kit.render.gerber import render_copper
+from tactape_fab.kit.writer import render_all
 from tactape_fab.sense import parts_from_cpl
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly, check_bom, check_cpl
@@ -340,3 +341,11 @@ def test_simulated_parts_of_another_list_name_its_line() -> None:
         parts_from_cpl(re.sub(rb"(?m)^(R3 +\S+ +\S+ +)\S+", rb"\1x", cpl_of("kicad")))
     with pytest.raises(ValueError, match="line 3: 'R2' is on layer '2'"):
         parts_from_cpl(re.sub(rb"(?m)^(R2\t\S+\t\S+\t\S+\t)1", rb"\g<1>2", cpl_of("macrofab")))
+
+
+@EVERY
+def test_previews_have_the_tape_s_name_whatever_the_list_is_called(house: str) -> None:
+    made = examined(house)
+    paths = {artifact.role: artifact.path for artifact in render_all(made.drawing, made.fab)}
+    assert paths["cpl"] == PATHS.get(house, "assembly/t-cpl.csv")
+    assert (paths["preview-svg"], paths["preview-png"]) == ("preview/t.svg", "preview/t.png")
