@@ -241,6 +241,16 @@ def test_each_way_to_open_the_coverlay_is_asked_for() -> None:
     assert "The solder mask has one opening over" in flat(notes_of(facts_of(examined(fab="generic-fr4", coverlay="gang"))))
 
 
+@pytest.mark.parametrize(
+    ("fab", "between", "bare"),
+    [("generic-fpc", "coverlay", "film"), ("generic-lpi", "solder mask", "film"), ("jlcpcb-fr4", "solder mask", "laminate")],
+)
+def test_the_preview_shows_what_the_board_is_made_of(fab: str, between: str, bare: str) -> None:
+    assert f"an opening for each part, and {between} between them: none merged" in notes_of(facts_of(examined(fab=fab)))
+    gang = notes_of(facts_of(examined(fab=fab, coverlay="gang")))
+    assert f"one opening over all parts of a tape, with bare {bare} between the pads" in gang
+
+
 def test_a_forced_tape_says_so_and_a_sound_one_does_not() -> None:
     assert "FORCED" not in notes_of(facts_of(examined()))
     made = examined(displacement_mm=0.45)
