@@ -309,8 +309,10 @@ def _layers(facts: OrderFacts, drawing: Drawing) -> list[tuple[str, str]]:
         ("copper", f"{material.copper_um:g} µm, one layer, {material.finish}; least spacing {facts.least_gap_mm:.3g}"),
         ("base", f"{material.base}; film {drawing.thickness_mm:g} thick in all"),
     ]
-    rows.append(("stiffener", f"{drawing.stiffener} mm, whole underside" if drawing.stiffener else "none"))
-    under = " under the stiffener" if drawing.stiffener else ", whole underside"
+    # rails and tabs of a panel have no backing, as its layers show
+    where = "whole underside" if facts.panel is None else "under the tapes alone"
+    rows.append(("stiffener", f"{drawing.stiffener} mm, {where}" if drawing.stiffener else "none"))
+    under = " under the stiffener" if drawing.stiffener else f", {where}"
     return [*rows, *([("adhesive", f"{drawing.adhesive} mm{under}")] if drawing.adhesive else [])]
 
 

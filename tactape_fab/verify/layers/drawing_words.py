@@ -137,9 +137,10 @@ def _layers(count: int, mask: str, opening: str, height: str, made: Made) -> Ite
     yield rf"copper {text(copper)} \?m, one layer, {text(finish)}; least spacing {_F}"
     yield rf"base {text(base)}; film {text(film)} thick in all"
     stiffener, adhesive = backings.get("stiffener-bottom"), backings.get("adhesive-bottom")
-    yield "stiffener none" if stiffener is None else rf"stiffener {text(stiffener)} mm, whole underside"
+    where = "under the tapes alone" if made.on_panel else "whole underside"
+    yield "stiffener none" if stiffener is None else rf"stiffener {text(stiffener)} mm, {where}"
     if adhesive is not None:
-        yield rf"adhesive {text(adhesive)} mm{' under the stiffener' if stiffener else ', whole underside'}"
+        yield rf"adhesive {text(adhesive)} mm{' under the stiffener' if stiffener else f', {where}'}"
     beside = ["stiffener"] * (stiffener is not None) + ["adhesive"] * (adhesive is not None)
     yield " ".join([*beside, f"part {mask} base"])
 

@@ -89,8 +89,9 @@ def test_holes_are_listed_up_to_eight() -> None:
     assert "and 2 more" in many
 
 
-def test_a_panel_numbers_its_tapes() -> None:
-    panel, _ = examine_order({"sectors": "0-3", "panel": "2x2", "size_mm": (40.0, 30.0), "models": False})
+def of_panel(**values: str) -> str:
+    """The words of the drawing of a panel of 2 x 2 tapes."""
+    panel, _ = examine_order({"sectors": "0-3", "panel": "2x2", "size_mm": (40.0, 30.0), "models": False, **values})
     assert isinstance(panel, ExaminedPanel)
     film = panel.tapes[0].film
     assert film is not None
@@ -98,8 +99,20 @@ def test_a_panel_numbers_its_tapes() -> None:
     layouts = [tape.layout for tape in panel.tapes]
     facts = panel_order_facts(panel.name, panel.panel, layouts, film.fab, panel.findings, artifacts)
     (artifact,) = render_fab_drawing(facts, panel.drawing)
-    assert {"1", "2", "3", "4"} <= set(words(artifact.data).splitlines())
-    assert "2 x 2 tapes" in words(artifact.data)
+    return words(artifact.data)
+
+
+def test_a_panel_numbers_its_tapes() -> None:
+    text = of_panel()
+    assert {"1", "2", "3", "4"} <= set(text.splitlines())
+    assert "2 x 2 tapes" in text
+
+
+def test_rails_of_a_panel_have_no_backing() -> None:
+    text = of_panel(stiffener="PI:0.2", adhesive="tesa8854:0.1")
+    assert "PI 0.2 mm, under the tapes alone" in text and "tesa8854 0.1 mm under the stiffener" in text
+    assert "tesa8854 0.1 mm, under the tapes alone" in of_panel(adhesive="tesa8854:0.1")
+    assert "whole underside" not in text
 
 
 def packed(*sizes_mm: tuple[float, float]) -> tuple[ExaminedPanel, str]:
