@@ -92,7 +92,7 @@ class OrderFacts:
     fits_panel: Whether the board alone is within the assembly line's limits.
     fits_rails: Whether it is with the rails and slots of a panel, which the fab could make of it.
     questions, broken, warnings, close: Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), warnings
-        without a threshold, and those questions whose limit is met with less than the margin `_CLOSE`.
+        without a threshold, and limits that are met with less than the margin `_CLOSE`, or not met.
     coverlays: Ways in which the tapes' coverlay is opened, without repetition.
     rotation_deg, turned_slash: Rotation of parts on tapes that are not turned; direction of parts on turned tapes, "" without
         any.
@@ -331,8 +331,11 @@ def _place(xy_mm: FloatArray) -> tuple[float, float]:
 
 
 def _is_close(finding: Finding) -> bool:
-    """Whether an unconfirmed limit is met by a small margin, or not met."""
-    asked = finding.source and not finding.confirmed and finding.level != "info" and finding.rule not in _NEVER_CLOSE
+    """Whether an unconfirmed limit is met by a small margin, or not met; of those that are no gap, whether it is not met."""
+    if finding.rule in _NEVER_CLOSE:
+        # the number of parts has a question of its own
+        return finding.level == "warn" and not finding.passed and finding.rule != "part-count"
+    asked = finding.source and not finding.confirmed and finding.level != "info"
     # with a limit of 0, such as that of courtyards, only an overlap is close
     return bool(asked) and finding.value is not None and finding.limit is not None and finding.value < _CLOSE * finding.limit
 

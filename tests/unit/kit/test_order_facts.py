@@ -81,6 +81,17 @@ def test_courtyards_that_overlap_are_asked_about() -> None:
     assert not any(line.startswith("courtyard:") for line in facts_of(made, findings=apart).close)
 
 
+def test_a_limit_that_is_not_met_is_asked_about_whoever_gave_it() -> None:
+    made = examined(size_mm=(610.0, 60.0), pitch_mm=4.0, corner_radius_mm=0.5)
+    broken = [f for f in made.findings if f.level == "warn" and not f.passed]
+    assert {"size", "corner-radius"} <= {f.rule for f in broken}
+    for findings in (made.findings, [replace(f, confirmed=True) for f in made.findings]):
+        close = facts_of(made, findings=findings).close
+        assert {f"{f.rule}: {f.message}" for f in broken if f.rule in ("size", "corner-radius")} <= {*close}
+    # one that is met is not
+    assert not any(line.startswith(("size:", "corner-radius:")) for line in facts_of(examined()).close)
+
+
 @pytest.mark.parametrize(("size_mm", "fits"), [((70.0, 69.9996), True), ((70.0, 69.9994), False), ((250.0004, 80.0), True)])
 def test_the_line_takes_what_the_rule_says_it_takes(size_mm: tuple[float, float], fits: bool) -> None:
     made = examined(size_mm=size_mm)
