@@ -61,7 +61,8 @@ def shaded(
     if min(extent) <= 0.0:
         raise RenderError("the mesh to draw has no extent")
     px_per_mm = min(width_px, MOST_PX, MOST_PX * extent[0] / extent[1]) / extent[0] * _SAMPLES
-    size = [ceil(v * px_per_mm / _SAMPLES) * _SAMPLES for v in extent]
+    # the product may lie just above MOST_PX
+    size = [min(ceil(v * px_per_mm / _SAMPLES), MOST_PX) * _SAMPLES for v in extent]
     screen = np.empty_like(points)
     # half a sample less, so that sample (i, j) is at the integers i and j
     screen[:, 0] = (points[:, 0] - low[0] + border) * px_per_mm - 0.5

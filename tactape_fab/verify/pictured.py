@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from math import ceil
 
 import numpy as np
 
 from tactape_fab.base.fields import named
-from tactape_fab.kit.render.preview import MARGIN_MM, picture_px_per_mm
+from tactape_fab.kit.render.preview import MARGIN_MM, picture_px_per_mm, picture_side_px
 from tactape_fab.texture.frames import FloatArray, board_to_picture
 from tactape_fab.texture.shapes import rotate
 
@@ -54,7 +53,7 @@ def px_per_mm(image: np.ndarray, shown: Pictured) -> float:
     usual = picture_px_per_mm(side_mm)
     # the side was rounded up to whole pixels, so that of any other scale is known to half a pixel: at the far end of a panel a
     # probe half a pixel off is on the film beside a body of 6 px
-    return usual if ceil(side_mm * usual) == side_px else (side_px - 0.5) / side_mm
+    return usual if picture_side_px(side_mm, usual) == side_px else (side_px - 0.5) / side_mm
 
 
 def shows_bodies(image: np.ndarray, shown: Pictured) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -205,6 +206,12 @@ def picture_px_per_mm(side_mm: float) -> float:
     return min(PX_PER_MM, MOST_PX / side_mm)
 
 
+def picture_side_px(side_mm: float, px_per_mm: float) -> int:
+    """Length of a side of the PNG, px."""
+    # at the scale of `MOST_PX` the product may lie just above it, and would be rounded up to a picture that verify refuses
+    return min(ceil(side_mm * px_per_mm), MOST_PX)
+
+
 def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     import cv2
 
@@ -213,7 +220,7 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     longest_mm = float(extent_mm.max())
     px_per_mm = picture_px_per_mm(longest_mm)
     finer = max(1, min(OVERSAMPLING, int(MOST_PX / (longest_mm * px_per_mm))))
-    width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
+    width, height = (picture_side_px(float(v), px_per_mm) for v in extent_mm)
     image = np.empty((height * finer, width * finer, 3), dtype=np.uint8)
     cv2.rectangle(image, (0, 0), (width * finer, height * finer), _bgr(_BACKGROUND), cv2.FILLED)  # np.full is slow
     # OpenCV takes coordinates in 1/16 px with `shift` 4; oversampling and INTER_AREA antialias the edges
