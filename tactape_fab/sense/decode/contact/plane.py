@@ -129,22 +129,22 @@ def fit_plane(
             at -= shared @ known @ off
             covariance -= shared @ known @ shared.T
     gain = float(at[3])
-    rise = at[:3] / gain
-    # rise = shown / gain: d rise / d shown = 1 / gain, d rise / d gain = -rise / gain
-    rates = np.zeros((3, 4))
-    rates[0, 0] = rates[1, 1] = rates[2, 2] = 1.0 / gain
-    rates[:, 3] = -rise / gain
-    of_rise = rates @ covariance @ rates.T
+    bend, of_profile, middle_mm = None, crown_mm is not None, weights @ gel_mm / weights.sum()
+    gain_error = hypot(GAIN_SIGMA / GAIN, unit_error)
+    if not flat:
+        bend, of_profile = _bend(shown, variance, crown, middle_mm, gain_error)
     # the slope is read at the image's centre: with the gel's apex elsewhere it is off by the curvature times that distance
     apex = 0.0 if crown_mm is not None else APEX_MM * float(np.abs(shown[3:]).max())
-    bend, of_profile = None, crown_mm is not None
-    if not flat:
-        middle_mm = weights @ gel_mm / weights.sum()
-        gain_error = hypot(GAIN_SIGMA / GAIN, unit_error)
-        bend, of_profile = _bend(shown, variance, crown, middle_mm, gain_error)
-        if bend is not None:
-            rise, of_rise = _under_centre(bend, shown, variance, crown if of_profile else None, middle_mm, gain_error)
-        elif crown_mm is not None:
+    if bend is not None:
+        rise, of_rise = _under_centre(bend, shown, variance, crown if of_profile else None, middle_mm, gain_error)
+    else:
+        rise = at[:3] / gain
+        # rise = shown / gain: d rise / d shown = 1 / gain, d rise / d gain = -rise / gain
+        rates = np.zeros((3, 4))
+        rates[0, 0] = rates[1, 1] = rates[2, 2] = 1.0 / gain
+        rates[:, 3] = -rise / gain
+        of_rise = rates @ covariance @ rates.T
+        if not flat and crown_mm is not None:
             # a film is not bent about both axes, so its slope may as well be that of the contact's middle
             uu, vv, uv = shown[3:] / gain + crown
             apex = float(np.linalg.norm(np.array([[uu, uv], [uv, vv]]) @ middle_mm))
