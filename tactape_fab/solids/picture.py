@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import RenderError
-from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.mesh.triangles import Mesh, face_normals
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 Image = npt.NDArray[np.uint8]
@@ -69,7 +69,7 @@ def shaded(
     screen[:, 1] = (high[1] + border - points[:, 1]) * px_per_mm - 0.5
     screen[:, 2] = points[:, 2] * px_per_mm
     corners = screen[mesh.faces]
-    normals = _normals(points[mesh.faces])
+    normals = face_normals(points[mesh.faces])
     seen = _nearest_faces(corners, np.flatnonzero(normals[:, 2] > 1e-6), (size[1], size[0]))
     small = (size[0] // _SAMPLES, size[1] // _SAMPLES)
     hidden = _hidden(np.ascontiguousarray(seen.depth[::_SAMPLES, ::_SAMPLES]), _SAMPLES)
@@ -107,13 +107,6 @@ def view_frame(direction: tuple[float, float, float], up: tuple[float, float, fl
     towards = towards / np.linalg.norm(towards)
     right = right / np.linalg.norm(right)
     return np.stack([right, np.cross(towards, right), towards])
-
-
-def _normals(corners: FloatArray) -> FloatArray:
-    """Unit normal of every triangle, zero where it has no area; shape (f, 3)."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(lengths > 0.0, lengths, 1.0)
 
 
 def _lambert(normals: FloatArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

@@ -54,6 +54,17 @@ class Mesh:
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
+def unit(vectors: FloatArray) -> FloatArray:
+    """Vectors normalised along the last axis; zero vectors stay zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1.0)
+
+
+def face_normals(corners: FloatArray) -> FloatArray:
+    """Unit normals of triangles (f, 3, 3), zero for one without area; shape (f, 3)."""
+    return unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
 def stl_bytes(mesh: Mesh, title: str) -> bytes:
     """Binary STL in mm; see `stl_pieces`."""
     return b"".join(stl_pieces(mesh, title))
@@ -69,10 +80,8 @@ def stl_pieces(mesh: Mesh, title: str) -> Iterator[bytes]:
     vertices = mesh.vertices_mm.astype("<f4")
     for faces in _pieces(mesh.faces):
         corners = vertices[faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         triangles = np.zeros(len(corners), dtype=STL_TRIANGLE)
-        triangles["normal"] = normals / np.where(lengths > 0, lengths, 1)
+        triangles["normal"] = face_normals(corners)
         triangles["corners"] = corners
         yield triangles.tobytes()
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError, refuse
 from tactape_fab.base.fields import Fields
+from tactape_fab.solids.mesh.triangles import unit
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 _NEAR_Z_DEG = 10.0
@@ -100,12 +101,6 @@ class Chart(Protocol):
         Returns height_mm (n, k): Along the normal, negative below the tangent plane.
         Returns on_surface (n, k): Whether the surface extends to there.
         """
-
-
-def unit(vectors: FloatArray) -> FloatArray:
-    """Vectors normalised along the last axis; zero vectors stay zero."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1.0)
 
 
 def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatArray:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.mesh.triangles import Mesh, face_normals
+from tactape_fab.solids.mesh.triangles import unit as unit_vectors
 from tactape_fab.solids.surface.charts import connected
-from tactape_fab.solids.surface.charts import unit as unit_vectors
 from tactape_fab.solids.surface.nested import wrong_shells
 from tactape_fab.solids.surface.threemf_file import FURTHEST_MM, MOST_FACES, read_3mf
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -248,9 +248,7 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
     corners = mesh.corners_mm
     # resolution of float32 coordinates; intersections by less may be due to rounding
     tolerance = 1e-6 * float(np.ptp(mesh.vertices_mm, axis=0).max())
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normals, axis=1)
-    normals /= np.where(area > 0, area, 1)[:, None]
+    normals = face_normals(corners)
     found = looked_at = 0
     first = np.zeros(3)
     for near in _box_pairs(corners, tolerance):

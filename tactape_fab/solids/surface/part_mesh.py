@@ -14,8 +14,8 @@ from math import cos, radians
 import numpy as np
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.solids.mesh.triangles import Mesh
-from tactape_fab.solids.surface.charts import Frames, Placement, board_x, turned, unit
+from tactape_fab.solids.mesh.triangles import Mesh, face_normals, unit
+from tactape_fab.solids.surface.charts import Frames, Placement, board_x, turned
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 CREASE_DEG = 30.0
@@ -41,8 +41,7 @@ class Facets:
     @cached_property
     def normals(self) -> FloatArray:
         """Normals of the facets; shape (f, 3); zero for a facet without area."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        return unit(np.cross(b - a, c - a))
+        return face_normals(self.corners)
 
     @cached_property
     def gradients(self) -> FloatArray:
