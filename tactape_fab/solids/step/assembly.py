@@ -35,14 +35,12 @@ _MOST_DECIMALS = 6
 _OF_OCCURRENCE = 7
 
 
-def assembly_step(tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb, tool: str = "tactape-fab") -> bytes:
+def assembly_step(tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb) -> bytes:
     """STEP file of a tape's board with its parts; see `assembly_step_chunks`."""
-    return b"".join(assembly_step_chunks(tape, name=name, date=date, board_rgb=board_rgb, part_rgb=part_rgb, tool=tool))
+    return b"".join(assembly_step_chunks(tape, name=name, date=date, board_rgb=board_rgb, part_rgb=part_rgb))
 
 
-def assembly_step_chunks(
-    tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb, tool: str = "tactape-fab"
-) -> Iterator[bytes]:
+def assembly_step_chunks(tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb) -> Iterator[bytes]:
     """STEP file of a tape's board with its parts, in pieces.
 
     One product for the board (outline and holes, ``thickness_mm`` below z = 0), one for the part (unrotated, the middle of
@@ -70,7 +68,7 @@ def assembly_step_chunks(
     w.add(f"SHAPE_DEFINITION_REPRESENTATION({definition_shape},{shape})")
     _relation(w, "board", (definition, shape), board, origin, origin)
     assert w.next <= first
-    yield header(name, date, tool)
+    yield header(name, date)
     yield w.text()
     for template, start, columns in _occurrences(tape, first, (definition, shape), part, origin, f"{up},{turned}"):
         yield from fill(template, start, len(columns["x"]), columns)

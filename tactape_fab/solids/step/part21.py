@@ -223,12 +223,12 @@ def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
 # Entities of every file
 
 
-def header(name: str, date: datetime, tool: str) -> bytes:
+def header(name: str, date: datetime) -> bytes:
     """HEADER section and the start of DATA."""
     return (
         "ISO-10303-21;\nHEADER;\n"
         "FILE_DESCRIPTION((''),'2;1');\n"
-        f"FILE_NAME({string(name)},'{date:%Y-%m-%dT%H:%M:%S}',(''),(''),{string(tool)},{string(tool)},'');\n"
+        f"FILE_NAME({string(name)},'{date:%Y-%m-%dT%H:%M:%S}',(''),(''),'tactape-fab','tactape-fab','');\n"
         f"FILE_SCHEMA(('{SCHEMA}'));\n"
         "ENDSEC;\nDATA;\n"
     ).encode("ascii")

@@ -39,14 +39,12 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
 
-def solid_step(tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb, tool: str = "tactape-fab") -> bytes:
+def solid_step(tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb) -> bytes:
     """STEP file of a tape's solid; see `solid_step_chunks`."""
-    return b"".join(solid_step_chunks(tape, form, name=name, date=date, rgb=rgb, tool=tool))
+    return b"".join(solid_step_chunks(tape, form, name=name, date=date, rgb=rgb))
 
 
-def solid_step_chunks(
-    tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb, tool: str = "tactape-fab"
-) -> Iterator[bytes]:
+def solid_step_chunks(tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb) -> Iterator[bytes]:
     """STEP file of a tape's solid, in pieces.
 
     tape: Gives outline, holes, and an element at every placed part.
@@ -81,7 +79,7 @@ def solid_step_chunks(
     w.add(f"SHAPE_DEFINITION_REPRESENTATION({definition_shape},{shape})")
     coloured(w, shared, solid, rgb)
     assert w.next <= first
-    yield header(name, date, tool)
+    yield header(name, date)
     yield w.text()
     yield from fill(element.template, first, count, element.columns)
     yield TRAILER

@@ -127,7 +127,7 @@ def test_header_context_product_and_colour_are_whole() -> None:
     solid = w.add("MANIFOLD_SOLID_BREP('',#1)")
     product(w, shared, "a 'b'")
     coloured(w, shared, solid, (0.25, 0.5, 1.0))
-    data = header("it's", datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc), "tool") + w.text() + TRAILER
+    data = header("it's", datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)) + w.text() + TRAILER
     file = StepFile(data)
     assert "FILE_NAME('it''s','2026-01-02T03:04:05'" in file.header
     assert f"FILE_SCHEMA(('{SCHEMA}'))" in file.header

@@ -190,14 +190,14 @@ def test_a_tile_has_at_most_36_elements(form: SolidForm) -> None:
 def test_a_file_has_name_date_units_and_colour() -> None:
     tape = tape_of(DOME, 4, 4)
     date = datetime(2026, 5, 4, tzinfo=timezone.utc)
-    data = solid_step(tape, SolidForm(), name="a 'tape'", date=date, rgb=(0.1, 0.2, 0.3), tool="us")
+    data = solid_step(tape, SolidForm(), name="a 'tape'", date=date, rgb=(0.1, 0.2, 0.3))
     file = StepFile(data)
-    assert "'a ''tape''','2026-05-04T00:00:00',(''),(''),'us','us'" in file.header
+    assert "'a ''tape''','2026-05-04T00:00:00',(''),(''),'tactape-fab','tactape-fab'" in file.header
     assert [entity.values[0] for _, entity in file.of_kind("PRODUCT")] == ["'a ''tape'''"]
     assert [entity.values[1:] for _, entity in file.of_kind("COLOUR_RGB")] == [[0.1, 0.2, 0.3]]
     (_, solid_entity), (_, styled) = *file.of_kind("MANIFOLD_SOLID_BREP"), *file.of_kind("STYLED_ITEM")
     assert file[styled.values[2]] is solid_entity
-    assert data == solid_step(tape, SolidForm(), name="a 'tape'", date=date, rgb=(0.1, 0.2, 0.3), tool="us")
+    assert data == solid_step(tape, SolidForm(), name="a 'tape'", date=date, rgb=(0.1, 0.2, 0.3))
     unused = set(file.entities) - set(file.used)
     roots = {file.entities[number].kind for number in unused}
     assert roots <= {

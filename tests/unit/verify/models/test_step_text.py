@@ -24,7 +24,7 @@ from tests.surfaces import planned
 Change = Callable[[bytes], bytes]
 TAPE, FORM = planned(), SolidForm()
 DATE, RGB = datetime(2026, 5, 4, tzinfo=timezone.utc), (0.25, 0.5, 0.125)
-SOLID = solid_step(TAPE, FORM, name=TAPE.name, date=DATE, rgb=RGB, tool="another")
+SOLID = solid_step(TAPE, FORM, name=TAPE.name, date=DATE, rgb=RGB)
 ASSEMBLY = assembly_step(TAPE, name=TAPE.name, date=DATE, board_rgb=RGB, part_rgb=RGB)
 
 
