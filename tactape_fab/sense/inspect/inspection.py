@@ -46,7 +46,6 @@ class _Measured:
     """A view with what was measured in it; arrays over the parts that it shows whole."""
 
     view: View
-    warp: Warp
     bodies: Bodies
     upright: BoolArray
     foreign_mm: FloatArray
@@ -209,7 +208,6 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
         common_mm = float(np.hypot(common_mm, np.sqrt((bodies.sigma_mm**2 - alone.sigma_mm**2).mean())))
     return _Measured(
         view=view,
-        warp=film.warp,
         bodies=bodies,
         upright=upright,
         foreign_mm=foreign,

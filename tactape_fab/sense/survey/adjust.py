@@ -65,7 +65,6 @@ class Adjusted:
     dot_mm: Error of a whole dot along an axis.
     scatter_mm: Scatter of the parts about the design; None where an inspection said where all of them are.
     left: Share of dots that were rejected as outliers.
-    poses (contacts, 3): x mm, y mm, theta rad.
     """
 
     part: IntArray
@@ -78,7 +77,6 @@ class Adjusted:
     dot_mm: float
     scatter_mm: float | None
     left: float
-    poses: FloatArray
 
 
 def adjust(
@@ -163,5 +161,4 @@ def adjust(
         dot_mm=sigma,
         scatter_mm=scatter,
         left=float((apart > FARTHEST).mean()),
-        poses=poses,
     )
