@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 
 from tactape_fab.base.launch import limited
 from tactape_fab.texture.frames import FloatArray
+from tests.png import black_png
 from tests.roundtrip.kits import OpenKit
 
 MOST_CPU_S, MOST_BYTES = 5.0, 1 << 30
@@ -144,19 +144,6 @@ def _many_names(count: int) -> bytes:
         for i in range(count):
             archive.writestr(zipfile.ZipInfo(f"{i:x}"), b"")
     return stream.getvalue()
-
-
-def png(width: int, height: int) -> bytes:
-    """A grey PNG of zeros of one bit."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
-    row = bytes(1 + (width + 7) // 8)
-    packer = zlib.compressobj(9)
-    data = b"".join([*(packer.compress(row) for _ in range(height)), packer.flush()])
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
 
 def _sparse_listed(times: int, *, alike: bool) -> Callable[[Path], list[str]]:
@@ -539,7 +526,7 @@ ATTACKS = (
     Attack(
         kind="preview",
         tried="a PNG of 20,000 x 20,000 px",
-        make=_role("preview-png", lambda: png(20_000, 20_000)),
+        make=_role("preview-png", lambda: black_png(20_000, 20_000, bits=1)),
         status=4,
         said="previews",
     ),
@@ -579,7 +566,7 @@ ATTACKS = (
     Attack(
         kind="frames",
         tried="PNG of 20,000 x 20,000 px",
-        make=_frames("f.png", lambda: png(20_000, 20_000)),
+        make=_frames("f.png", lambda: black_png(20_000, 20_000, bits=1)),
         status=2,
         said="f.png",
     ),

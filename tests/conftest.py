@@ -295,31 +295,30 @@ def _missing(name: str, remedy: str) -> None:
     pytest.skip(f"reader {name} is missing; {remedy}")
 
 
+def _program(name: str, remedy: str, *commands: str) -> str:
+    """Path of a reader by the first of its commands that is installed."""
+    found = next(filter(None, map(shutil.which, commands)), None)
+    if found is None:
+        _missing(name, remedy)
+    return str(found)
+
+
 @pytest.fixture(scope="session")
 def gerbv() -> str:
     """Path of gerbv."""
-    found = shutil.which("gerbv")
-    if found is None:
-        _missing("gerbv", "install Debian's gerbv")
-    return str(found)
+    return _program("gerbv", "install Debian's gerbv", "gerbv")
 
 
 @pytest.fixture(scope="session")
 def rsvg_convert() -> str:
     """Path of rsvg-convert, which turns SVG into PNG."""
-    found = shutil.which("rsvg-convert")
-    if found is None:
-        _missing("rsvg-convert", "install Debian's librsvg2-bin")
-    return str(found)
+    return _program("rsvg-convert", "install Debian's librsvg2-bin", "rsvg-convert")
 
 
 @pytest.fixture(scope="session")
 def pdftoppm() -> str:
     """Path of Poppler's pdftoppm, which turns PDF into PNG."""
-    found = shutil.which("pdftoppm")
-    if found is None:
-        _missing("pdftoppm", "install Debian's poppler-utils")
-    return str(found)
+    return _program("pdftoppm", "install Debian's poppler-utils", "pdftoppm")
 
 
 @pytest.fixture(scope="session")
@@ -327,12 +326,10 @@ def node_module() -> Callable[[str], str]:
     """Path of node once the asked npm package can be loaded by it (NODE_PATH says where it is installed)."""
 
     def find(package: str) -> str:
-        node = shutil.which("node")
-        if node is None:
-            _missing("node", "install Node.js")
-        run = subprocess.run([str(node), "-e", f"require({package!r})"], capture_output=True, check=False)
+        node = _program("node", "install Node.js", "node")
+        run = subprocess.run([node, "-e", f"require({package!r})"], capture_output=True, check=False)
         if run.returncode != 0:
             _missing(package, f"npm install {package}, and set NODE_PATH to its node_modules")
-        return str(node)
+        return node
 
     return find

@@ -16,7 +16,7 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.profiles import load_fab, load_part
-from tests.conftest import _missing
+from tests.conftest import _missing, _program
 from tests.readers.pictures import Reader, gerbonara_svg, gerbv_picture, rasterised, tracespace_svg
 from tests.readers.solids import NAMES, Variant, write_variant
 
@@ -80,19 +80,13 @@ def solid_variants(request: pytest.FixtureRequest, tmp_path_factory: pytest.Temp
 @pytest.fixture(scope="session")
 def freecad() -> str:
     """Path of FreeCAD without a window."""
-    found = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
-    if found is None:
-        _missing("FreeCAD", "install Debian's freecad-python3")
-    return str(found)
+    return _program("FreeCAD", "install Debian's freecad-python3", "freecadcmd", "FreeCADCmd")
 
 
 @pytest.fixture(scope="session")
 def prusa_slicer() -> str:
     """Path of PrusaSlicer."""
-    found = shutil.which("prusa-slicer")
-    if found is None:
-        _missing("PrusaSlicer", "install Debian's prusa-slicer")
-    return str(found)
+    return _program("PrusaSlicer", "install Debian's prusa-slicer", "prusa-slicer")
 
 
 @pytest.fixture(scope="session")
@@ -111,9 +105,7 @@ def kicad_python() -> str:
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """Debian's chromium without a window, driven by playwright; nothing is ever downloaded."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None:
-        _missing("chromium", "install Debian's chromium")
+    program = _program("chromium", "install Debian's chromium", "chromium", "chromium-browser", "google-chrome")
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -12,25 +11,8 @@ import pytest
 
 from tactape_fab.make.emboss import Embossed, emboss_kit
 from tactape_fab.solids.surface.charts import Placement
-from tests.conftest import _missing
 from tests.surfaces import ball, box, kit_folder, planned, saddle, step_file
 from tests.thorough import slow
-
-
-@pytest.fixture(scope="session")
-def prusa_slicer() -> str:
-    found = shutil.which("prusa-slicer")
-    if found is None:
-        _missing("prusa-slicer", "install Debian's prusa-slicer")
-    return str(found)
-
-
-@pytest.fixture(scope="session")
-def freecad() -> str:
-    found = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
-    if found is None:
-        _missing("freecadcmd", "install Debian's freecad-python3")
-    return str(found)
 
 
 def slicer_info(prusa_slicer: str, path: Path) -> dict[str, str]:

@@ -14,6 +14,7 @@ import pytest
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.templates import profile_names, templates_folder
 from tactape_fab.sense import SensorProfile, load_sensor
+from tests.png import png_chunk, png_of
 
 GENERIC = (templates_folder() / "sensors" / "generic.toml").read_text()
 Write = Callable[..., Path]
@@ -21,15 +22,10 @@ Write = Callable[..., Path]
 
 def png(grey: np.ndarray, orientation: int | None = None) -> bytes:
     """A grey PNG, written without the library that reads it; how it is to be turned is Exif's tag 274 in its chunk eXIf."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
     height, width = grey.shape
     rows = b"".join(b"\x00" + row.tobytes() for row in grey.astype(np.uint8))
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    exif = b"" if orientation is None else chunk(b"eXIf", b"II*\x00" + struct.pack("<IHHHIII", 8, 1, 274, 3, 1, orientation, 0))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + exif + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    tag = b"" if orientation is None else b"II*\x00" + struct.pack("<IHHHIII", 8, 1, 274, 3, 1, orientation, 0)
+    return png_of(width, height, zlib.compress(rows), more=png_chunk(b"eXIf", tag) if tag else b"")
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -19,6 +17,7 @@ from tactape_fab.sense import inspect_scans
 from tactape_fab.sense.inspect import scan_files
 from tactape_fab.sense.inspect.colours import learn_palette
 from tactape_fab.sense.inspect.warp import affine_warp
+from tests.png import black_png
 from tests.scans import Picture
 from tests.thorough import costly
 from tests.unit.sense.inspect.conftest import Scanned, write
@@ -30,18 +29,6 @@ def refusal(path: Path, kit: Path, *, dpi: float | None = None) -> str:
     (problem,) = error.value.problems
     assert str(path.name) in problem.message or "outside the scans" in problem.message
     return problem.message
-
-
-def png_chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-
-def bomb(width: int, height: int) -> bytes:
-    """A PNG of so many black pixels, in a few hundred kilobytes."""
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    rows = zlib.compressobj(9)
-    data = b"".join(rows.compress(bytes(width + 1)) for _ in range(height)) + rows.flush()
-    return b"\x89PNG\r\n\x1a\n" + png_chunk(b"IHDR", header) + png_chunk(b"IDAT", data) + png_chunk(b"IEND", b"")
 
 
 def png(picture: Picture) -> bytes:
@@ -116,7 +103,12 @@ BAD: dict[str, tuple[Callable[[Picture], bytes], str, float | None, str]] = {
     "TIFF of one bit": (one_bit, THIS, None, "it has 1 bits a channel; give a scan as TIFF, PNG or JPEG with 8 or 16"),
     "cut off": (lambda p: png(p)[:3000], THIS, None, "damaged"),
     "tiny": (lambda p: png(p[:40, :40]), THIS, None, "it has 40 x 40 px; give a scan of 600 to 4800 dpi"),
-    "16k x 16k bomb": (lambda _: bomb(16_000, 16_000), THIS, None, "it has 16000 x 16000 px, more than 250 million px"),
+    "16k x 16k bomb": (
+        lambda _: black_png(16_000, 16_000),
+        THIS,
+        None,
+        "it has 16000 x 16000 px, more than 250 million px",
+    ),
 }
 
 
@@ -166,7 +158,7 @@ def test_a_bomb_is_refused_before_a_pixel_is_unpacked(scanned: Scanned, tmp_path
 
     monkeypatch.setattr(scan_files, "_unpacked", unpacked)
     path = tmp_path / "bomb.png"
-    path.write_bytes(bomb(16_000, 16_000))
+    path.write_bytes(black_png(16_000, 16_000))
     assert "it has 16000 x 16000 px, more than 250 million px" in refusal(path, scanned.kit)
 
 
