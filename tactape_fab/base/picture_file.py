@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
+from tactape_fab.base.errors import Problem, RenderError, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.libraries import library
@@ -23,6 +23,14 @@ _WRITER = (len(_TEXT) - 4).to_bytes(4, "big") + _TEXT + zlib.crc32(_TEXT).to_byt
 _AFTER_HEADER = 33
 """Bytes of the signature and of IHDR, which comes first (PNG, 5.6)."""
 _KIND = "no picture of this tool"
+
+
+def encoded_png(picture: npt.NDArray[np.uint8], settings: Sequence[int] = ()) -> bytes:
+    """A picture (grey or BGR) as a PNG file, by OpenCV's settings. Raises RenderError when it cannot be encoded."""
+    done, data = library("cv2", "drawing a picture").imencode(".png", picture, settings)
+    if not done:
+        raise RenderError("the picture could not be encoded as PNG")
+    return bytes(data)
 
 
 def is_own_picture(path: Path) -> bool:
@@ -84,7 +92,6 @@ def write_picture(
     except (OSError, ValueError) as error:
         message = f"{key} = {shown_path(path.parent)} cannot be written: {reason_of(error)}; use another folder"
         raise TactapeError(message) from error
-    asked = [] if compression is None else [cv2.IMWRITE_PNG_COMPRESSION, compression]
-    data = cv2.imencode(".png", picture, asked)[1].tobytes()
+    data = encoded_png(picture, [] if compression is None else [cv2.IMWRITE_PNG_COMPRESSION, compression])
     refuse_picture(path, key, overwrite=overwrite)
     write_file(path, data[:_AFTER_HEADER] + _WRITER + data[_AFTER_HEADER:], key, overwrite=overwrite is not False)

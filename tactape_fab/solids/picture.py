@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import RenderError
+from tactape_fab.base.picture_file import encoded_png
 from tactape_fab.solids.mesh.triangles import Mesh, face_normals
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -89,10 +90,7 @@ def png_bytes(image: Image) -> bytes:
     """The picture as a PNG file. Raises RenderError when it cannot be encoded."""
     import cv2
 
-    written, data = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])
-    if not written:
-        raise RenderError("the picture could not be encoded as PNG")
-    return bytes(data)
+    return encoded_png(np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])
 
 
 def view_frame(direction: tuple[float, float, float], up: tuple[float, float, float]) -> FloatArray:

@@ -10,8 +10,8 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import RenderError
 from tactape_fab.base.number_rows import number_rows
+from tactape_fab.base.picture_file import encoded_png
 from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.read.gerber_file import GerberShapes
@@ -253,7 +253,4 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     settings = [cv2.IMWRITE_PNG_COMPRESSION, 3]
     if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in older OpenCV; makes files smaller, and takes a third of the time
         settings += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
-    written, data = cv2.imencode(".png", image, settings)
-    if not written:
-        raise RenderError("the preview picture could not be encoded as PNG")
-    return bytes(data)
+    return encoded_png(image, settings)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactape_fab.base.errors import SpecError, TactapeError
+from tactape_fab.base.errors import RenderError, SpecError, TactapeError
 from tactape_fab.base.picture_file import is_own_picture, refuse_picture, refuse_pictures, write_picture
 
 PICTURE = np.random.default_rng(1).integers(0, 256, (7, 5, 3), dtype=np.uint8)
@@ -40,6 +40,13 @@ def test_what_is_no_picture_of_this_tool_is_kept(content: bytes, overwrite: bool
     with pytest.raises(SpecError, match=r"picture = .*a\.png is there and is no picture of this tool; nothing was touched"):
         write_picture(path, PICTURE, "picture", overwrite=overwrite)
     assert path.read_bytes() == content
+
+
+def test_a_picture_that_cannot_be_encoded_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "imencode", lambda *_: (False, np.zeros(0, dtype=np.uint8)))
+    with pytest.raises(RenderError, match="the picture could not be encoded as PNG"):
+        write_picture(tmp_path / "a.png", PICTURE, "picture")
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_picture_is_replaced_as_asked(tmp_path: Path) -> None:
