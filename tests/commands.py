@@ -10,4 +10,9 @@ from tactape_fab.cli import main
 
 
 def run(words: str) -> Result:
-    return CliRunner().invoke(main, shlex.split(words), prog_name="tactape-fab")
+    return run_words(*shlex.split(words))
+
+
+def run_words(*words: object) -> Result:
+    """As `run`, where a word may be a path, or hold blanks."""
+    return CliRunner().invoke(main, [str(word) for word in words], prog_name="tactape-fab")

@@ -48,7 +48,7 @@ def _at(u_mm: float, v_mm: float, **options: float) -> Scene:
     return Scene(contact_offset_mm=(u_mm, v_mm)).changed(options)
 
 
-def _tilted(deg: float) -> Scene:
+def tilted(deg: float) -> Scene:
     return Scene(tilt_mm_per_mm=(tan(radians(deg)), 0.0))
 
 
@@ -66,7 +66,7 @@ ROWS = (
     Row(name="shear 2 %", scene=Scene(shear_error=0.02)),
     Row(name="shear 2 %, (3, 2)", scene=_at(3.0, 2.0, shear_error=0.02)),
     *(Row(name=f"lens {100 * k:g} %, (3, 2)", scene=_at(3.0, 2.0, k1_error=k)) for k in (0.02, -0.03, 0.05)),
-    *(Row(name=f"tilt {deg:g} deg", scene=_tilted(deg)) for deg in (2.0, 5.0)),
+    *(Row(name=f"tilt {deg:g} deg", scene=tilted(deg)) for deg in (2.0, 5.0)),
     *(Row(name=f"gel displaced {um / 1000:g} mm", scene=Scene(gel_displacement_um=um)) for um in (50.0, 100.0, 200.0)),
     *(
         Row(name=f"gel displaced {um / 1000:g} mm, unknown", scene=Scene(gel_displacement_um=um), displacement_um=0.0)

@@ -128,15 +128,20 @@ def read_with_occt(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def read_with_freecad(program: str, paths: Sequence[str], folder: Path) -> dict[str, dict[str, Any]]:
-    script, answer = folder / "read.py", folder / "answer.json"
-    script.write_text(_FREECAD.format(paths=list(paths), answer=str(answer)), encoding="utf-8")
-    run = subprocess.run([program, str(script)], capture_output=True, encoding="utf-8", check=False, stdin=subprocess.DEVNULL)
-    assert answer.exists(), run.stdout[-2000:] + run.stderr[-2000:]
-    found: dict[str, dict[str, Any]] = json.loads(answer.read_bytes())
+    found: dict[str, dict[str, Any]] = answer_of_freecad(program, _FREECAD, folder, paths=list(paths))
     return found
+
+
+def answer_of_freecad(program: str, script: str, folder: Path, **values: object) -> Any:
+    """What a script for FreeCAD writes as JSON to the file {answer}."""
+    file, answer = folder / "read.py", folder / "answer.json"
+    file.write_text(script.format(answer=str(answer), **values), encoding="utf-8")
+    run = subprocess.run([program, str(file)], capture_output=True, encoding="utf-8", check=False, stdin=subprocess.DEVNULL)
+    assert answer.exists(), run.stdout[-2000:] + run.stderr[-2000:]
+    return json.loads(answer.read_bytes())
 
 
 def slicer_info(program: str, path: str) -> dict[str, str]:
     """What `prusa-slicer --info` says of a file: a value for each key."""
-    run = subprocess.run([program, "--info", path], capture_output=True, encoding="utf-8", check=True)
+    run = subprocess.run([program, "--info", path], capture_output=True, encoding="utf-8", check=True, timeout=120)
     return dict(re.findall(r"^(\w+) =\s*(\S+)", run.stdout, re.MULTILINE))

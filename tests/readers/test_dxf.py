@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from tactape_fab import Kit, Tape
+from tests.readers.solids import answer_of_freecad
 
 _FREECAD = """
 import json
@@ -27,12 +26,7 @@ with open({answer!r}, "w") as stream:
 
 
 def test_freecad_reads_the_outline_and_the_field_in_millimetres(small_kit: Kit, tmp_path: Path, freecad: str) -> None:
-    script, answer = tmp_path / "read.py", tmp_path / "answer.json"
-    path = small_kit.path / small_kit.files["fab-dxf"]
-    script.write_text(_FREECAD.format(path=str(path), answer=str(answer)), encoding="utf-8")
-    run = subprocess.run([freecad, str(script)], capture_output=True, encoding="utf-8", check=False, stdin=subprocess.DEVNULL)
-    assert answer.exists(), run.stdout[-2000:] + run.stderr[-2000:]
-    boxes = json.loads(answer.read_bytes())
+    boxes = answer_of_freecad(freecad, _FREECAD, tmp_path, path=str(small_kit.path / small_kit.files["fab-dxf"]))
     tape = Tape.load(small_kit.path)
     low = [min(box[side] for box in boxes) for side in (0, 1)]
     high = [max(box[side] for box in boxes) for side in (2, 3)]

@@ -11,13 +11,9 @@ import pytest
 
 from tactape_fab.make.emboss import Embossed, emboss_kit
 from tactape_fab.solids.surface.charts import Placement
+from tests.readers.solids import slicer_info
 from tests.surfaces import ball, box, kit_folder, planned, saddle, step_file
 from tests.thorough import slow
-
-
-def slicer_info(prusa_slicer: str, path: Path) -> dict[str, str]:
-    run = subprocess.run([prusa_slicer, "--info", str(path)], capture_output=True, encoding="utf-8", check=True, timeout=120)
-    return dict(re.findall(r"^(\w+) = +(\S+)$", run.stdout, re.MULTILINE))
 
 
 @pytest.mark.parametrize("kind", ["stl", "3mf"])
@@ -28,7 +24,7 @@ def test_slicer_takes_embossed_meshes(prusa_slicer: str, tmp_path: Path, surface
     tape = planned((24.0, 24.0) if surface.startswith("large") else (12.0, 12.0))
     model.export(tmp_path / "part.stl")
     made = emboss_kit(kit_folder(tmp_path / "kit", tape), tmp_path / "part.stl")
-    info = slicer_info(prusa_slicer, made.path / made.files[kind])
+    info = slicer_info(prusa_slicer, str(made.path / made.files[kind]))
     assert (info["manifold"], info["number_of_parts"]) == ("yes", "1")
     assert float(info["volume"]) == pytest.approx(made.surface["volume_mm3"], rel=1e-5)
 
@@ -67,5 +63,5 @@ def test_freecad_and_slicer_take_embossed_steps(freecad: str, prusa_slicer: str,
     assert (solids, faces, valid, closed) == ("1", str(len(host.faces()) + 5 * tape.part_count), "True", "True")
     assert float(volume) == pytest.approx(bd.import_step(made.path / made.files["step-solid"]).volume, rel=1e-7)
     assert float(volume) == pytest.approx(made.surface["volume_mm3"], rel=3e-4)
-    info = slicer_info(prusa_slicer, made.path / made.files["stl"])
+    info = slicer_info(prusa_slicer, str(made.path / made.files["stl"]))
     assert (info["manifold"], info["number_of_parts"]) == ("yes", "1")

@@ -8,10 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from tactape_fab.cli import main
+from tests.commands import run_words as run
 from tests.signing import write_keys
 from tests.thorough import as_elsewhere, slow
 
@@ -35,10 +34,6 @@ def signed(keys: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def kit(signed: Path, tmp_path: Path) -> Path:
     shutil.copytree(signed, tmp_path / "kit")
     return tmp_path / "kit"
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.mark.parametrize("public", ["shop.pub", "shop.pub.pem"])

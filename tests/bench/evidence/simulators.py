@@ -10,20 +10,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from dataclasses import asdict
-from math import radians, tan
 from typing import Any
 
 from tactape_fab.sense import ElasticContact, Scene
 from tactape_fab.sense.decode.result import Refined
 from tests.bench.evidence.job import Job, Result, Size
-from tests.bench.nees import Row, figures_of
+from tests.bench.nees import Row, figures_of, tilted
 
 SECTION = "simulators"
 TITLE = "Two simulators, side by side"
-
-
-def _imprint_tilted(deg: float) -> Scene:
-    return Scene(tilt_mm_per_mm=(tan(radians(deg)), 0.0))
 
 
 def _strip(radius_mm: float) -> Scene:
@@ -36,8 +31,8 @@ def _pressed(**options: Any) -> Scene:
 
 SCENES: Mapping[str, tuple[Scene | None, Scene]] = {
     "default, 2 N": (Scene(), _pressed()),
-    "tilt 2°, 2 N": (_imprint_tilted(2.0), _pressed(tilt_deg=(2.0, 0.0))),
-    "tilt 5°, 2 N": (_imprint_tilted(5.0), _pressed(tilt_deg=(5.0, 0.0))),
+    "tilt 2°, 2 N": (tilted(2.0), _pressed(tilt_deg=(2.0, 0.0))),
+    "tilt 5°, 2 N": (tilted(5.0), _pressed(tilt_deg=(5.0, 0.0))),
     "tilt 2° along v, 2 N": (None, _pressed(tilt_deg=(0.0, -2.0))),
     "tilt 5° along v, 2 N": (None, _pressed(tilt_deg=(0.0, 5.0))),
     "cylinder of 30 mm, 2 N": (_strip(30.0), _pressed(cylinder_radius_mm=30.0)),

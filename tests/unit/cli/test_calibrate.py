@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from tactape_fab import Kit, __version__
-from tactape_fab.cli import main
 from tactape_fab.sense.live.cdr import IMAGE
+from tests.commands import run_words as run
 from tests.recordings import image_message, mcap
 from tests.unit.sense.calibrate.sensors import presses_on
 
@@ -23,10 +22,6 @@ def folder(default_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("presses")
     np.savez(path / "presses.npz", depth=np.array(made.frames))
     return path
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words], prog_name="tactape-fab")
 
 
 def test_presses_become_a_profile_that_decode_takes(folder: Path, default_kit: Kit, tmp_path: Path) -> None:

@@ -7,10 +7,10 @@ import shlex
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from tactape_fab.cli import main
 from tactape_fab.kit.examine.coupon import examine_coupon
+from tests.commands import run_words as run
 
 
 @pytest.fixture
@@ -22,10 +22,6 @@ def coupon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     content = {"format": "tactape-panel/1", "name": "c", "coupon": {"fab": "jlcpcb-fpc", "trials": trials}}
     Path("my coupon/manifest.json").write_text(json.dumps(content))
     return Path("my coupon")
-
-
-def run(*words: str) -> Result:
-    return CliRunner().invoke(main, list(words), prog_name="tactape-fab")
 
 
 def confirmed(coupon: Path, place: str) -> Result:
