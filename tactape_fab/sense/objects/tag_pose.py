@@ -88,20 +88,14 @@ class TagPose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fitted:
-    """A pose; correlation of the picture with the tag there; the picture's blur; by how many cells light areas have grown.
+class Fitted(TagPose):
+    """A pose, by how many cells light areas have grown there, and how far the border fits.
 
     border_cells: Most that a side of the border lies further in or out than the other edges say.
-    p_mirrored: As that of `TagPose`.
     """
 
-    rotation: FloatArray
-    translation_mm: FloatArray
-    fit: float
-    blur_px: float
     grown_cells: float
     border_cells: float
-    p_mirrored: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
