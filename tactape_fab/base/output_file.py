@@ -103,9 +103,15 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
     except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        reason = reason_of(error)
-        message = f"{key} = {shown_path(path)} cannot be written: {reason}; what stood there is as it was; use another place"
-        raise TactapeError(message) from error
+        raise not_written(path, key, error) from error
+
+
+def not_written(path: Path, key: str, error: OSError | ValueError) -> TactapeError:
+    """The error of a file that could not be written, whose name has what it had before."""
+    reason = reason_of(error)
+    return TactapeError(
+        f"{key} = {shown_path(path)} cannot be written: {reason}; what stood there is as it was; use another place"
+    )
 
 
 def _name_if_free(partial: Path, path: Path) -> None:

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import begins_with, mode_of
 from tactape_fab.base.libraries import library
-from tactape_fab.base.output_file import refuse_taken_place, unfinished
+from tactape_fab.base.output_file import not_written, refuse_taken_place, sync_file, sync_folder, unfinished
 from tactape_fab.base.plain_text import toml_string
 from tactape_fab.base.templates import is_profile_file
 from tactape_fab.sense.calibrate.result import Calibration
@@ -70,11 +70,13 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
             partials[path].write_bytes(profile_text(found, partials[mask].name).encode())
         load_sensor(partials[path])
         partials[path].write_bytes(files[path])
+        for partial in partials.values():
+            sync_file(partial)
         for at, partial in partials.items():
             partial.replace(at)
+        sync_folder(path.parent)
     except OSError as error:
-        message = f"output = {shown_path(at)} cannot be written: {reason_of(error)}"
-        raise TactapeError(f"{message}; what stood there is as it was; use another place") from error
+        raise not_written(at, "output", error) from error
     finally:
         for partial in partials.values():
             with suppress(OSError):

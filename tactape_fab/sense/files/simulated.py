@@ -15,10 +15,10 @@ from typing import IO, Any
 import numpy as np
 
 from tactape_fab.base.build_date import zip_date, zip_entry
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, refuse, tried
+from tactape_fab.base.errors import Problem, SpecError, refuse, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import open_regular
-from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder, unfinished
+from tactape_fab.base.output_file import not_written, refuse_taken_place, sync_file, sync_folder, unfinished
 from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import MOST_FRAMES, SensorProfile, load_sensor
@@ -335,8 +335,7 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
         partial_path.replace(path)
         sync_folder(path.parent)
     except OSError as error:
-        message = f"output = {shown_path(path)} cannot be written: {reason_of(error)}"
-        raise TactapeError(f"{message}; what stood there is as it was; use another place") from error
+        raise not_written(path, "output", error) from error
     finally:
         with suppress(OSError):
             partial_path.unlink()

@@ -84,6 +84,20 @@ def test_an_older_profile_keeps_its_mask_where_a_new_one_cannot_be_written(
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"mine-mask.png": b"older", "mine.toml": b"older"}
 
 
+def test_a_profile_gets_its_name_when_the_disk_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a power cut there must be no profile that is empty, or whose mask is."""
+    for name in ("mine-mask.png", "mine.toml"):
+        (tmp_path / name).write_bytes(b"older")
+
+    def lost(_: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", lost)
+    with pytest.raises(TactapeError, match="Input/output error; what stood there is as it was"):
+        write_profile(tmp_path / "mine.toml", blind_left())
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"mine-mask.png": b"older", "mine.toml": b"older"}
+
+
 def test_only_a_calibrated_profile_is_replaced(tmp_path: Path) -> None:
     assert checked_output(tmp_path / "new.toml") == tmp_path / "new.toml"
     (tmp_path / "ours.toml").write_text(MARK + " from 10 presses\n")
