@@ -16,7 +16,7 @@ from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, Place
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import FabProfile, Origin, PartNumber, PartProfile
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import pair_of
 from tactape_fab.texture.shapes import outlines_at, reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
@@ -204,8 +204,8 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         rotation_deg=tape.part.rotation_deg,
         pitch_words=f"{tape.pitch_mm:.4g}",
         displacement_words=f"{tape.displacement_mm:.4g}",
-        first_mm=_place(layout.parts_xy_mm[0]),
-        last_mm=_place(layout.parts_xy_mm[-1]),
+        first_mm=pair_of(layout.parts_xy_mm[0]),
+        last_mm=pair_of(layout.parts_xy_mm[-1]),
         stiffener=layout.stiffener,
         adhesive=layout.adhesive,
         backed_holes=bool(tape.board.holes),
@@ -324,10 +324,6 @@ def _on_panel(box: Box, place: Place) -> Box:
 def _slash(rotation_deg: float) -> str:
     # one of four characters, for the nearest of 0, 45, 90 and 135 degrees; a chip has a twofold symmetry
     return "-/|\\"[round(rotation_deg % 180.0 / 45.0) % 4]
-
-
-def _place(xy_mm: FloatArray) -> tuple[float, float]:
-    return float(xy_mm[0]), float(xy_mm[1])
 
 
 def _is_close(finding: Finding) -> bool:

@@ -139,6 +139,11 @@ def snap_mm(value_mm: npt.ArrayLike) -> FloatArray:
     return to_nm(value_mm) / NM_PER_MM
 
 
+def pair_of(values: FloatArray) -> tuple[float, float]:
+    """The first two numbers of an array, as Python's own."""
+    return float(values[0]), float(values[1])
+
+
 def symbols_to_rows(symbols: SymbolArray) -> list[str]:
     """Symbol values, shape (rows, columns), as one string per row: N/E/S/W, with eight directions n/e/s/w as well."""
     return [row.tobytes().decode("ascii") for row in _LETTER_BYTES[symbols]]

@@ -15,7 +15,7 @@ from tactape_fab.kit.film.anchors import Anchors
 from tactape_fab.kit.film.layout import Flashes, Layout, Legend
 from tactape_fab.kit.outlines import PartOutlines
 from tactape_fab.kit.profiles import PartProfile
-from tactape_fab.texture.frames import FloatArray, snap_mm
+from tactape_fab.texture.frames import FloatArray, pair_of, snap_mm
 
 Hole = tuple[float, float, float]
 Offset = tuple[float, float]
@@ -144,7 +144,9 @@ def joined(drawings: Sequence[Drawing], places: Sequence[tuple[Offset, bool]]) -
     return replace(
         first,
         # not snapped to 1 nm: a drill file has four decimals of a millimetre anyway
-        holes=tuple((*_pair(move(np.array(hole[:2]), snap=False)), hole[2]) for drawing, move in pairs for hole in drawing.holes),
+        holes=tuple(
+            (*pair_of(move(np.array(hole[:2]), snap=False)), hole[2]) for drawing, move in pairs for hole in drawing.holes
+        ),
         outlines=moves[0].outlines(first.outlines),
         parts=tuple(move.parts(parts) for drawing, move in pairs for parts in drawing.parts),
         legend=Legend(
@@ -198,10 +200,6 @@ class _Move:
             openings=None if parts.openings is None else flashes(parts.openings),
             bodies=flashes(parts.bodies),
         )
-
-
-def _pair(xy_mm: FloatArray) -> tuple[float, float]:
-    return float(xy_mm[0]), float(xy_mm[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

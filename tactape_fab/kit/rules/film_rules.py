@@ -17,7 +17,7 @@ from tactape_fab.kit.profiles import FabProfile, PartProfile, cited, load_fab
 from tactape_fab.kit.rules.remedies import film_remedy, part_words
 from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, pair_of
 from tactape_fab.texture.shapes import area_mm2, reach_mm
 
 _LAYER_WORDS = re.compile(
@@ -184,7 +184,7 @@ def _anchors(anchors: Sequence[Mode], layout: Layout, spec: TapeSpec, fab: FabPr
         yield _anchor_gap(layout, spec, fab)
         if layout.anchors.mode == "spur":
             gap_mm, at_mm = between_spurs_mm(layout.anchors)
-            measured = (gap_mm, (float(at_mm[0]), float(at_mm[1])))
+            measured = (gap_mm, pair_of(at_mm))
 
             def remedy_for(_: float) -> str:
                 words = film_remedy(spec, fab, layout.part, ["anchor-spur"]).words()
@@ -222,7 +222,7 @@ def _anchor_gap(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
         passed=passed,
         value=gap_mm,
         limit=limit_mm,
-        at_mm=None if isinf(gap_mm) else (float(at_mm[0]), float(at_mm[1])),
+        at_mm=None if isinf(gap_mm) else pair_of(at_mm),
         **cited(fab.anchor.origin),
         message=message if passed else f"{message} of {fab.name}; use {f'{remedy}, or ' if remedy else ''}--anchor none",
     )

@@ -14,7 +14,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.sense.decode.result import Localization, tape_named
 from tactape_fab.sense.decode.search.prior import MOST_RADIUS_MM, Prior
 from tactape_fab.sense.track.change import Change
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, pair_of
 
 EventKind = Literal["begin", "end", "lost", "regained", "jump", "slip"]
 Cause = Literal["slip", "shear"]
@@ -253,7 +253,7 @@ def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Chang
     strain = strain_sigma = None
     if change is not None:
         strain_covariance = change.strain_covariance + motion.floor_strain**2 * np.eye(3)
-        strain, strain_sigma = _pair(change.strain[1:]), _pair(np.sqrt(strain_covariance.diagonal()[1:]))
+        strain, strain_sigma = pair_of(change.strain[1:]), pair_of(np.sqrt(strain_covariance.diagonal()[1:]))
     cause: Cause | None = None
     if detected and motion.shear_mm is not None and hypot(float(shift[0]), float(shift[1])) > motion.shear_mm:
         cause = "slip"
@@ -262,7 +262,7 @@ def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Chang
         cause = "shear"
     return Slip(
         detected=detected,
-        shift_mm=_pair(shift),
+        shift_mm=pair_of(shift),
         turn_deg=float(np.degrees(shift[2])),
         sigmas=sigmas,
         cause=cause,
@@ -270,7 +270,7 @@ def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Chang
         strain_sigma=strain_sigma,
         dots=0 if change is None else change.dots,
         since=anchor.timestamp,
-        total_mm=_pair(total),
+        total_mm=pair_of(total),
         total_deg=float(np.degrees(total[2])),
     )
 
@@ -279,7 +279,3 @@ def _distance(off: FloatArray, covariance: FloatArray) -> float:
     """Mahalanobis distance."""
     # with all floors at 0 a covariance may be singular; 1e-18 is 1e-9 mm squared
     return sqrt(max(float(off @ np.linalg.solve(covariance + 1e-18 * np.eye(3), off)), 0.0))
-
-
-def _pair(values: FloatArray) -> tuple[float, float]:
-    return float(values[0]), float(values[1])

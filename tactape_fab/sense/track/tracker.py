@@ -29,7 +29,7 @@ from tactape_fab.sense.track.motion import (
     velocity_of,
     within,
 )
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, pair_of
 
 TOUCHES, TRACE = 0.05, 0.5
 """p_tape below which a frame that is not located shows a registered tape, and below which a contact continues."""
@@ -226,7 +226,7 @@ def followed(
         lost=state.lost,
         events=tuple(Event(kind=kind, timestamp=before.touched if kind == "end" else timestamp) for kind in events),
         slip=slip,
-        velocity_mm_s=None if velocity is None else (float(velocity[0]), float(velocity[1])),
+        velocity_mm_s=None if velocity is None else pair_of(velocity),
         turn_deg_s=None if velocity is None else degrees(velocity[2]),
     )
 

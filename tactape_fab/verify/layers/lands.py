@@ -14,7 +14,7 @@ from tactape_fab.base.fields import Fields, named
 from tactape_fab.kit.profiles import LandPattern, read_land
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.cpl import CplContent
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import FloatArray, IntArray, pair_of
 from tactape_fab.texture.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
 from tactape_fab.texture.tape import Tape
 
@@ -279,7 +279,7 @@ def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
     sides = np.diff(corners[:3], axis=0)
     lengths = np.hypot(*sides.T)
     along = sides[int(np.argmax(lengths) if land.size_mm[0] > land.size_mm[1] else np.argmin(lengths))]
-    return axis_angle_deg((float(along[0]), float(along[1])))
+    return axis_angle_deg(pair_of(along))
 
 
 def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray) -> Check:

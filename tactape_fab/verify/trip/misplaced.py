@@ -8,7 +8,7 @@ import numpy as np
 
 from tactape_fab.texture.code import CODE_NAMES, get_code
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, board_to_texture
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, board_to_texture, pair_of
 from tactape_fab.texture.plane import WindowPlaces, locate_windows
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import windows_of
@@ -136,7 +136,7 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
         quarters=quarters,
         sector=sector,
         origin=(origin_column - int(first[0]), origin_row - int(first[1])),
-        offset_mm=(float(offset[0]), float(offset[1])),
+        offset_mm=pair_of(offset),
     )
 
 
