@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -207,6 +208,8 @@ def _source(
     refuse(problems)
     if given == STANDARD_INPUT:
         try:
+            if sys.stdin is None:  # closed from the start: descriptor 0 may be another file of this process by now
+                raise OSError
             stdin = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115  # no lock that a reader still holds at the end
         except OSError:
             message = "source = -, but standard input is closed; pipe .npy arrays to it, or name a file or a folder"
