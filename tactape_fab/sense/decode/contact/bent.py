@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import hypot, sqrt
+from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -64,13 +64,19 @@ class Bend:
         sines = self.circles[:, 0].tolist()
         return not abs(self.sine) + hypot(*(sine - self.sine for sine in sines[1:])) <= MOST_SINE
 
-    @cached_property
-    def slopes(self) -> FloatArray:
-        """Slopes in the image's centre along u and v, for each of `circles`; (4, 2)."""
-        (c, s), found = self.across.tolist(), []
-        for sine, _, along in self.circles.tolist():
+    def under_centre(self, middle_mm: FloatArray) -> FloatArray:
+        """Height in the image's centre minus that in the contact's middle, which is at `middle_mm` (2,), and slopes there.
+
+        Returns: mm, and slopes along u and v, for each of `circles`; (4, 3).
+        """
+        (c, s), (u, v), found = self.across.tolist(), middle_mm.tolist(), []
+        aside_mm = v * c - u * s
+        for sine, curvature, along in self.circles.tolist():
+            at_middle = sine + curvature * self.middle_mm
+            # d height / d arc is the sine and d angle / d arc the curvature: heights differ as the cosines do
+            higher = (sqrt(max(1.0 - at_middle**2, 0.0)) - sqrt(max(1.0 - sine**2, 0.0))) / curvature
             steep = sine / sqrt(max(1.0 - sine**2, 1.0 - MOST_SINE**2))
-            found.append([steep * c - along * s, steep * s + along * c])
+            found.append([higher - along * aside_mm, steep * c - along * s, steep * s + along * c])
         return np.array(found)
 
     def of_gain(self, gain_error: float) -> FloatArray:
@@ -78,21 +84,14 @@ class Bend:
         sine = self.sine + self.curvature * self.middle_mm
         # a steeper arc is longer: of f'' / (1 + f'^2)^(3/2) both change
         curved = self.curvature * (1.0 - 3.0 * sine * sine)
-        moved = gain_error * np.array([sine * sqrt(max(1.0 - sine * sine, 0.0)), curved, self.along])
-        return np.asarray(moved / np.maximum([self.angle_sigma, self.curvature_sigma, self.along_sigma], _NO_SIGMA))
+        moved = (sine * sqrt(max(1.0 - sine * sine, 0.0)), curved, self.along)
+        sigmas = (self.angle_sigma, self.curvature_sigma, self.along_sigma)
+        return gain_error * np.array([one / max(sigma, _NO_SIGMA) for one, sigma in zip(moved, sigmas, strict=True)])
 
     @property
     def _sideways(self) -> FloatArray:
         """Unit vector along the axis."""
         return np.array([-self.across[1], self.across[0]])
-
-    def heights_mm(self, middle_mm: FloatArray) -> FloatArray:
-        """Height in the image's centre minus that in the contact's middle, `middle_mm` (2,), for each of `circles`; (4,)."""
-        sines, curvatures, leans = self.circles.T
-        at_middle = sines + curvatures * self.middle_mm
-        cosines, cosines_there = (np.sqrt(np.maximum(1.0 - s * s, 0.0)) for s in (sines, at_middle))
-        # d height / d arc is the sine and d angle / d arc the curvature: heights differ as the cosines do
-        return np.asarray((cosines_there - cosines) / curvatures - leans * float(middle_mm @ self._sideways))
 
     def unrolled(self, seen_mm: FloatArray, part_mm: float, error_mm: float) -> FloatArray:
         """Positions on the flattened film, from the image's centre, of tops seen along the sensor's axis.
@@ -130,10 +129,10 @@ def bend_of(
     least, most = abs(abs(mean) - half), mean + (half if mean >= 0.0 else -half)
     if least >= max(least_curvature, ROUND * abs(most)) or abs(most) <= 1e-6:
         return None
-    turn = 0.5 * np.arctan2(2 * uv, uu - vv) + (0.0 if mean >= 0.0 else np.pi / 2)
-    across = np.array([np.cos(turn), np.sin(turn)])
+    turn = 0.5 * atan2(2 * uv, uu - vv) + (0.0 if mean >= 0.0 else pi / 2)
+    c, s = cos(turn), sin(turn)
+    across = np.array([c, s])
     at = float(across @ middle_mm)
-    c, s = across.tolist()
     # rows of the derivatives of the slope across the axis in the middle, of the curvature across, and of the slope along
     x, y = middle_mm.tolist()
     rows = np.array(

@@ -38,7 +38,7 @@ def _rates(
     poisson: float,
     valid: bytes | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """The depths that force on each cell, and the frame's zero, bring to the cells that are known; and products of any two of these.
+    """The depths of known cells by force on each cell, and by the frame's zero; and products of any two of these.
 
     valid: Of the array of cells whose depth is known; None: all.
     Returns rates (n + 1, k): Mean deflection of each of k known cells, mm, by 1 N on each of n cells; then by a zero of 1 mm.

@@ -211,7 +211,8 @@ def _under_centre(
         crown, crown_error = np.array([level, level, 0.0]), sqrt(ROUNDNESS**2 + max(variance.diagonal()[3:].tolist()) / GAIN**2)
     # depths are over the gel's surface, which is lower in the contact's middle than in the image's centre
     at_middle_mm = float(row @ shown / GAIN + row[3:] @ crown)
-    found = np.column_stack([at_middle_mm + bend.heights_mm(middle_mm), bend.slopes])
+    found = bend.under_centre(middle_mm)
+    found[:, 0] += at_middle_mm
     changes, of_gain = found[1:] - found[0], bend.of_gain(gain_error)
     covariance = changes.T @ changes
     # height and slopes are of one circle, and err together by the tops' scatter; by the gain each for itself: in the elastic

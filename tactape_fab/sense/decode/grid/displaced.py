@@ -59,12 +59,12 @@ def displaced(pose: Pose, beliefs: Beliefs, weights: FloatArray) -> Pose:
 
 
 @inner_kernel()
-def _times(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """Product of (m, n) and (n, n)."""
+def _times(a: FloatArray, b: FloatArray, diagonal: bool, out: FloatArray) -> None:
+    """Product of (m, n) and (n, n), of which all but the diagonal is 0 if `diagonal`."""
     for r in range(len(a)):
         for j in range(len(b)):
-            out[r, j] = 0.0
-        for i in range(len(b)):
+            out[r, j] = a[r, j] * b[j, j] if diagonal else 0.0
+        for i in range(0 if diagonal else len(b)):
             factor = a[r, i]
             for j in range(len(b)):
                 out[r, j] += factor * b[i, j]
@@ -72,32 +72,61 @@ def _times(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
 
 @inner_kernel()
 def _products(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """Sums over dots and axes: rows (10 x 2, n) with rows (10 x 2, n) give (10, 10)."""
+    """Sums over dots and axes: rows (10 x 2, n) with rows (10 x 2, n) give (10, 10), of rows for which that is symmetric."""
     for j in range(10):
-        for k in range(10):
+        for k in range(j + 1):
             total = 0.0
             for axis in range(2):
                 for i in range(a.shape[1]):
                     total += a[2 * j + axis, i] * b[2 * k + axis, i]
-            out[j, k] = total
+            out[j, k] = out[k, j] = total
 
 
 @inlined_kernel()
 def _invert(
-    errors_mm2: FloatArray, known_mm2: FloatArray, alike: FloatArray, factor: float, variance: float, out: FloatArray
+    errors_mm2: FloatArray,
+    known_mm2: FloatArray,
+    alike: FloatArray,
+    factor: float,
+    variance: float,
+    independent: bool,
+    out: FloatArray,
+    column: FloatArray,
 ) -> None:
-    """Inverse of factor * diag(errors) + known + variance * alike, the errors' covariance along an axis; (n, n)."""
-    n, independent = len(errors_mm2), variance == 0.0 and len(known_mm2) == 0
+    """Inverse of factor * diag(errors) + known + variance * alike, the errors' covariance along an axis; (n, n).
+
+    independent: Whether only the first of the three is there.
+    column (n,): Work buffer.
+    """
+    n = len(errors_mm2)
     for i in range(n):
-        for j in range(n):
+        for j in range(i + 1):
             out[i, j] = variance * alike[i, j]
             if len(known_mm2) > 0:
                 out[i, j] += known_mm2[i, j]
         out[i, i] += factor * errors_mm2[i]
         if independent:
-            out[i, i] = 1.0 / out[i, i]
+            out[i, i] = -1.0 / out[i, i]
+    # sweeps of a symmetric matrix (Goodnight, The American Statistician 33 (1979) 149): on and below the diagonal alone, half of
+    # what `eliminate` does; they leave minus the inverse
     for k in range(0 if independent else n):
-        eliminate(out, k, n)
+        pivot = 1.0 / out[k, k]
+        for i in range(n):
+            column[i] = out[i, k] if i > k else out[k, i]
+        column[k] = 0.0
+        for i in range(n):
+            share = pivot * column[i]
+            for j in range(i + 1):
+                out[i, j] -= share * column[j]
+        for i in range(n):
+            if i > k:
+                out[i, k] = pivot * column[i]
+            else:
+                out[k, i] = pivot * column[i]
+        out[k, k] = -pivot
+    for i in range(n):
+        for j in range(i + 1):
+            out[i, j] = out[j, i] = -out[i, j]
 
 
 @inlined_kernel()
@@ -186,10 +215,10 @@ def _seen(
     # the displacement's variance, the factor of the dots' own, the former again, and what it does to the pose as it was fitted:
     # in a loop, as all that is called is compiled into this kernel once per place
     for step in range(4):
-        part = own if step == 1 else alike
-        _invert(errors, known_mm2, alike, factor, gel_mm2, inverse)
-        _times(rates, inverse, weighted)
-        _times(weighted, part, by)
+        part, independent = own if step == 1 else alike, gel_mm2 == 0.0 and len(known_mm2) == 0
+        _invert(errors, known_mm2, alike, factor, gel_mm2, independent, inverse, rows[0])
+        _times(rates, inverse, independent, weighted)
+        _times(weighted, part, step == 1, by)
         _products(by, weighted, first)
         if step == 3:
             break
@@ -197,8 +226,11 @@ def _seen(
         score = _score(now, state, first, inverse, part)
         if step == 0 and score <= 0.0:  # most frames end here
             return False
-        _times(part, inverse, whole)
-        _times(by, inverse, again)
+        if step == 1:  # of a product that is only asked for its trace and its square's, the factors may change places
+            _times(inverse, part, True, whole)
+        else:
+            _times(part, inverse, independent, whole)
+        _times(by, inverse, independent, again)
         _products(again, by, second)
         information = _information(now, first, second, whole)
         if step == 0:

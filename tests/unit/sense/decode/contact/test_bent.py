@@ -51,7 +51,7 @@ def test_a_film_is_laid_flat(off_mm: float) -> None:
 def test_along_its_axis_a_tape_is_tilted_as_a_flat_one() -> None:
     bend = round_a_cylinder(8.23, 0.0, along=tan(radians(10.0)))
     assert bend.unrolled(2.0 * ALONG[None], 0.23, 0.0)[0, 0] == pytest.approx(2.0 / cos(radians(10.0)) * ALONG)
-    assert bend.slopes[0] == pytest.approx(tan(radians(10.0)) * ALONG)
+    assert bend.under_centre(np.zeros(2))[0, 1:] == pytest.approx(tan(radians(10.0)) * ALONG)
 
 
 def surface_of(radius_mm: float, off_mm: float, middle_mm: float) -> FloatArray:
@@ -71,9 +71,9 @@ def test_the_circle_is_found_in_the_contact(off_mm: float, middle_mm: float, way
     sign = float(np.sign(bend.across @ ACROSS))
     assert sign * bend.across == pytest.approx(ACROSS)
     assert (way * bend.curvature, way * sign * bend.sine) == pytest.approx((-1.0 / 8.23, off_mm / 8.23))
-    assert bend.slopes[0] == pytest.approx(way * tan(asin(off_mm / 8.23)) * ACROSS)
+    assert bend.under_centre(np.zeros(2))[0, 1:] == pytest.approx(way * tan(asin(off_mm / 8.23)) * ACROSS)
     drop_mm = (8.23**2 - off_mm**2) ** 0.5 - (8.23**2 - (middle_mm - off_mm) ** 2) ** 0.5
-    assert bend.heights_mm(middle_mm * ACROSS)[0] == pytest.approx(way * drop_mm)
+    assert bend.under_centre(middle_mm * ACROSS)[0, 0] == pytest.approx(way * drop_mm)
 
 
 @pytest.mark.parametrize("gain_error", [0.0, 0.05])
@@ -107,7 +107,7 @@ def test_a_tape_is_bent_about_one_axis_up_to_a_share_along_it(along: float, is_b
 
 def test_beyond_72_degrees_a_slope_is_that_of_72() -> None:
     bend = replace(round_a_cylinder(8.0, 0.0), sine=0.99)
-    assert bend.slopes[0] == pytest.approx(0.99 / (1.0 - 0.95**2) ** 0.5 * ACROSS)
+    assert bend.under_centre(np.zeros(2))[0, 1:] == pytest.approx(0.99 / (1.0 - 0.95**2) ** 0.5 * ACROSS)
 
 
 def test_errors_of_the_slope_and_the_curvature_are_those_that_are_said() -> None:
@@ -130,10 +130,9 @@ def test_places_and_slopes_that_are_unsure_are_those_of_the_other_circles_and_of
     others = [replace(bend, sine=sine, curvature=bent, along=along) for sine, bent, along in bend.circles.tolist()]
     alone = [other.unrolled(seen, 0.23, 0.0)[0] for other in others] + [bend.unrolled(seen, 0.29, 0.0)[0]]
     assert bend.unrolled(seen, 0.23, 0.06) == pytest.approx(np.array(alone))
-    assert bend.slopes == pytest.approx(np.array([other.slopes[0] for other in others]))
     assert np.abs(bend.unrolled(seen, 0.23, 0.06)[1:] - alone[0]).max(axis=(1, 2)).min() > 1e-4
     middle_mm = 3.0 * ACROSS + ALONG
-    assert bend.heights_mm(middle_mm) == pytest.approx([other.heights_mm(middle_mm)[0] for other in others])
+    assert bend.under_centre(middle_mm) == pytest.approx(np.array([other.under_centre(middle_mm)[0] for other in others]))
 
 
 CROWN_MM = (189.0, 113.0)
