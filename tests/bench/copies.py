@@ -1,6 +1,6 @@
 """What a frame costs in copies of itself, in one run: contacts of several sizes, both worlds, and a tag beside them.
 
-    python -m tests.bench.copies [--frames 200] [--rounds 5] [--write]
+    python -m tests.bench.copies [--frames 200] [--rounds 15] [--write]
 
 prints the table of docs/localization.md, or puts it there. A copy is that of 320x240 single-precision pixels which were read just
 before, into memory that is there: `depth.copy()` takes up to four times as long, by what the allocator does. Each round times
@@ -90,7 +90,7 @@ def table(frames: int, rounds: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.copies", description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=200, help="of each contact")
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--write", action="store_true", help="put the table into docs/localization.md")
     asked = parser.parse_args()
     if not COMPILED:
