@@ -40,7 +40,7 @@ from tactape_fab.sense.decode.search.trace_plane import TracePlane
 from tactape_fab.sense.decode.settings import Method, World, given_settings, setting_problems, tape_problems
 from tactape_fab.sense.decode.square_image import square_image
 from tactape_fab.sense.decode.warm import announce, rehearse
-from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
+from tactape_fab.sense.decode.wrong_profile import Seen, cut_off, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY
@@ -296,6 +296,8 @@ class Localizer:
             found = self._by_paper(image)
         else:
             found = self._locate(self._square.dots(image), prior, image, in_mm=as_came)
+        if not found.located and found.n_dots > 0 and (cut := cut_off(image)) is not None:
+            found = replace(found, reason=f"{found.reason}; {cut}")
         return _stamped(found, start, timestamp)
 
     def locate_dots(
