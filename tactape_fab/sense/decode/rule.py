@@ -16,8 +16,7 @@ the sum of p w(h), which is p: the answer's 1 / (w E) is `p_tape`. All dots coun
 The bits of other places of the same code are not independent: they hold the same sequences, shifted. `p_place` is the posterior
 probability of all these places, and the answer must lead over each of them by `KAPPA` as well.
 
-numba looks only at the age of a kernel's own file: after a change here, remove the compiled functions
-(`rm tactape_fab/sense/decode/*/__pycache__/*.nb?`). A test compares them with this file.
+After a change here, kernels that have the constant are compiled anew: `base.kept_kernels` compares what they were made of.
 """
 
 from __future__ import annotations

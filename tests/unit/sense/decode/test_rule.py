@@ -21,7 +21,6 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 PACKAGE = Path(tactape_fab.__file__).parent
 COMMON = {"LEAST", "MOST", "USUAL", "MAX", "SHARE", "SHARES", "MM"}
 """Words of names that do not say what a constant is."""
-STALE = "kernels were compiled with other constants: rm tactape_fab/sense/decode/*/__pycache__/*.nb?"
 
 
 def test_the_rule_is_read_without_the_compiler() -> None:
@@ -70,7 +69,9 @@ def test_a_copy_is_seen() -> None:
 def test_no_constant_of_the_rule_is_copied(package: str) -> None:
     files = [path for path in sorted((PACKAGE / package).rglob("*.py")) if path.name != "rule.py"]
     assert files
-    assert {path.name: found for path in files if (found := copies(path.read_text(encoding="utf-8")))} == {}
+    assert {path.name: found for path in files if (found := copies(path.read_text(encoding="utf-8")))} == {}, (
+        "(name, name in the rule) have one value: import the rule's; name another quantity of that value without its words"
+    )
 
 
 # The kernels
@@ -84,7 +85,7 @@ def test_dots_say_the_same_to_the_kernels(around: list[int]) -> None:
     places = DIRECTIONS_XY[around] / 6.0
     squares = ((rng.normal(0.0, 0.1, (n, 1, 2)) - places) ** 2).sum(axis=2)
     expected = rule.posteriors(squares.T, rule.squared_errors(weights, sigma), trust).T
-    np.testing.assert_allclose(fit.posteriors(nodes, squares, weights, trust, sigma), expected, rtol=1e-9, err_msg=STALE)
+    np.testing.assert_allclose(fit.posteriors(nodes, squares, weights, trust, sigma), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("error", [0.0, 0.02, 0.2])
@@ -95,9 +96,9 @@ def test_a_fit_believes_the_errors_that_the_rule_says(error: float) -> None:
     xy, ones = 24.0 * (own + rng.normal(0.0, error, own.shape)), np.ones(len(own))
     found = fit.fit_grid(xy, ones, ones, 0.0, 24.0, 0.0, 0.0, 1 / 6, False)
     off = found.squares.min(axis=1).sum()
-    assert found.sigma == pytest.approx(rule.sigma_of(float(off), len(own)), rel=0.15), STALE
+    assert found.sigma == pytest.approx(rule.sigma_of(float(off), len(own)), rel=0.15)
     if error != 0.02:
-        assert found.sigma == (rule.LEAST_SIGMA if error == 0.0 else rule.MOST_SIGMA), STALE
+        assert found.sigma == (rule.LEAST_SIGMA if error == 0.0 else rule.MOST_SIGMA)
 
 
 # The formulas
