@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click import Option
 
-from tactape_fab import Kit
+from tactape_fab import Kit, Localization
 from tactape_fab.cli import COMMANDS, command
 from tactape_fab.kit.profiles import BACKING_ROLES, LIMIT_IDS, PROCESS_LIMIT_IDS, profile_names
 from tactape_fab.kit.profiles.assembly import FORMATS
@@ -17,6 +18,7 @@ from tactape_fab.kit.profiles.parts import solid_elements
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec.tape_spec import KEYS
 from tactape_fab.report.solid_view import MOST_TRIANGLES
+from tactape_fab.sense.files.answers import object_json
 from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.verify.files import LATER, roles_of
 from tactape_fab.verify.trip.round_trip import EDGE, INSIDE, QUICK
@@ -88,6 +90,14 @@ def test_profiles_that_come_with_the_package_are_named() -> None:
         assert f"`{name}`" in page["localization.md"], f"name {name} in docs/localization.md"
 
 
+def test_every_key_of_an_answer_is_explained() -> None:
+    page = (ROOT / "docs" / "localization.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"^## What an answer means\n\n(.*?)\n\n", page, re.MULTILINE | re.DOTALL)
+    told = {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split(" | ")[0])}
+    answer = Localization(status="none", located=False).to_mapping(0, dots=True)
+    assert told == {*answer, *object_json(None)}, "one row a key in the table of docs/localization.md"
+
+
 def test_reference_says_how_much_of_a_solid_the_report_shows() -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     assert f"a piece of {MOST_TRIANGLES:,} triangles" in reference
@@ -96,7 +106,7 @@ def test_reference_says_how_much_of_a_solid_the_report_shows() -> None:
 def test_ordering_names_the_columns_of_every_format() -> None:
     page = (ROOT / "docs" / "ordering.md").read_text(encoding="utf-8")
     for name, house in FORMATS.items():
-        assert f"| `{name}` |" in page
+        assert f"| `{name}` |" in page, f"add a row of {name} to docs/ordering.md"
         for table in (PLACEMENTS[name], house.bom):
             assert f"`{','.join(table.headers)}`" in page, name
 
