@@ -68,8 +68,10 @@ def test_a_long_typed_value_is_cut_in_its_middle() -> None:
 
 @pytest.fixture
 def handlers() -> Iterator[None]:
-    """Handlers of these signals, put back after the test."""
+    """The default handlers of these signals, also where nohup runs the tests; what was there is put back afterwards."""
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, HANGUP)}
+    for number in before:
+        signal.signal(number, signal.SIG_DFL)
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
