@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from argparse import ArgumentParser
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
@@ -86,8 +87,10 @@ def measured(options: list[str]) -> dict[str, float]:
 
 
 def main() -> None:
-    *options, here = sys.argv[1:] or [""]
-    if here == "--here":
+    parser = ArgumentParser(description=__doc__, usage="%(prog)s [OPTIONS OF make]")
+    parser.add_argument("--here", action="store_true", help="measure this process once, and print JSON")
+    given, options = parser.parse_known_args()
+    if given.here:
         found = measured(options)
         print("\n" + json.dumps(found))
         return

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass
 
 USUAL_MAKE_S, CORES = 1.5, 2
@@ -61,11 +62,14 @@ def reproduced(options: list[str]) -> None:
 
 
 def main() -> None:
-    asked = [option for option in sys.argv[1:] if option not in ("--quick", "--reproduce")]
-    if "--reproduce" in sys.argv:
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="time `verify --quick`")
+    parser.add_argument("--reproduce", action="store_true", help="time `verify --reproduce` beside `make`")
+    given, asked = parser.parse_known_args()
+    if given.reproduce:
         reproduced(asked or ["--sector", "7"])
         return
-    quick = ["--quick"] * ("--quick" in sys.argv)
+    quick = ["--quick"] * given.quick
     with tempfile.TemporaryDirectory() as folder:
         timed("make", *(asked or ["--sector", "7"]), "-o", "kit", folder=folder)  # the first run loads files into memory
         made = timed("make", *(asked or ["--sector", "7"]), "-o", "again", folder=folder)
