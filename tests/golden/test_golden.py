@@ -56,7 +56,7 @@ def test_text_files_are_the_golden_ones(
     }
     assert written.keys() == expected.keys()
     for relative, data in written.items():
-        assert data == expected[relative], f"{name}/{relative} differs from the golden file"
+        assert data == expected[relative], f"{name}/{relative} differs from the golden file; if it is to: --update-golden"
 
 
 def measured(kit: Kit) -> dict[str, Any]:

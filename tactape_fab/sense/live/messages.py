@@ -28,7 +28,6 @@ from tactape_fab.texture.frames import FloatArray
 
 if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
-    from tactape_fab.sense.objects.taped_object import TapedObject
 
 UNMEASURED = 1e6
 """Variance (m², rad²) of z, roll and pitch, which a contact does not show: so large that a filter ignores them."""

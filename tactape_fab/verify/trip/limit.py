@@ -111,8 +111,8 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, kn
     frame.
 
     depth: Depth map of the tape's own parts at that pose.
-    told_parts: Whether the reader knows which tops are those of parts that the contact shows, which then have full trust, as have
-        such parts without a top. All other dots (parts at the rim or outside the contact's outline, tops of noise or of the
+    known_parts: Whether the reader knows which tops are those of parts that the contact shows, which then have full trust, as
+        have such parts without a top. All other dots (parts at the rim or outside the contact's outline, tops of noise or of the
         board's edge) have the decoder's trust.
     """
     dots, view = _dots_of(rule, depth), make_view(rule.tape, pose[:2], float(pose[2]), rule.sensor, scene)

@@ -91,7 +91,8 @@ def test_range_sectors_and_window(name: str) -> None:
 
 
 def test_vectors_cover_every_code() -> None:
-    assert {v["code"] for v in VECTORS.values()} == set(SEQUENCE_NAMES)
+    have = {v["code"] for v in VECTORS.values()}
+    assert have == set(SEQUENCE_NAMES), "add a matrix by an independent program to tests/data/microdots_vectors.json"
 
 
 @pytest.mark.parametrize("key", VECTORS)
