@@ -16,6 +16,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import tactape_fab
 from tactape_fab.base.pool import Workers, mapped_as_done
 from tests.bench.false_tally import Bound, Tally, total
 from tests.bench.impostors import SURFACES
@@ -32,7 +33,8 @@ SECTORS_DOTS = "other sectors, dots"
 SECTORS_DEPTH = "other sectors, depth maps"
 WORST_DEPTH = "worst sector, depth maps"
 COMMON_DOTS = "other sectors at a common origin, dots"
-_ROOMS = tuple(f"tactape_fab.{room}." for room in ("texture", "profiles", "simulate", "decode"))
+_SOURCES = ("texture/**/*.py", "kit/profiles/*.py", "sense/*.py", "sense/simulation/*.py", "sense/decode/**/*.py")
+"""Modules of the package by which frames are drawn and located."""
 _FRAMES = ("localization_false.py", "localization_rows.py", "dot_records.py")
 
 Done = dict[Job, Tally]
@@ -162,11 +164,16 @@ def _line(item: tuple[Job, Tally]) -> str:
     return json.dumps({"job": asdict(item[0]), "tally": item[1].to_mapping()})
 
 
+def sources() -> list[Path]:
+    """Files that decide an answer, in the order of their paths."""
+    package, here = Path(tactape_fab.__file__).parent, Path(__file__).parent
+    return sorted([*(path for pattern in _SOURCES for path in package.glob(pattern)), *(here / name for name in _FRAMES)])
+
+
 def about() -> Mapping[str, Any]:
-    """Seed, and a digest of everything that decides an answer: what has to be loaded to draw and to locate frames."""
+    """Seed, and a digest of everything that decides an answer."""
     digest = hashlib.sha256()
-    loaded = [Path(str(module.__file__)) for name, module in sys.modules.items() if name.startswith(_ROOMS)]
-    for path in sorted([*loaded, *(Path(__file__).parent / name for name in _FRAMES)]):
+    for path in sources():
         digest.update(path.name.encode() + path.read_bytes())
     return {"seed": SEED, "sources": digest.hexdigest()[:16]}
 

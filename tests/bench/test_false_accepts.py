@@ -20,6 +20,7 @@ from tests.bench.false_accepts import (
     by_subject,
     jobs_of,
     plan,
+    sources,
     table,
     worst_jobs,
 )
@@ -111,6 +112,12 @@ def test_the_plan_asks_for_what_the_table_says() -> None:
     assert len(set(jobs)) == len(jobs)
     assert {bound_of(kind) for kind, _ in frames if "world" in kind} == {"p_tape"}
     assert {bound_of(kind) for kind, _ in frames if "world" not in kind} == {"p_place"}
+
+
+def test_counts_of_another_decoder_or_simulator_are_of_other_sources() -> None:
+    found = {"/".join(path.parts[-3:]) for path in sources()}
+    assert {"sense/decode/accept.py", "decode/search/tally.py", "sense/simulation/draw.py", "kit/profiles/parts.py"} <= found
+    assert {"texture/certify/pairs.py", "tactape_fab/sense/sensors.py", "tests/bench/dot_records.py"} <= found
 
 
 def test_a_file_is_taken_up_where_it_was_cut_off(tmp_path: Path) -> None:
