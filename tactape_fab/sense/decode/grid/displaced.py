@@ -227,7 +227,7 @@ def _seen(
         if step == 0 and score <= 0.0:  # most frames end here
             return False
         if step == 1:  # of a product that is only asked for its trace and its square's, the factors may change places
-            _times(inverse, part, True, whole)
+            _times(inverse, part, step == 1, whole)  # no literal: numba would compile it once more
         else:
             _times(part, inverse, independent, whole)
         _times(by, inverse, independent, again)
