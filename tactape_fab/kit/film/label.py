@@ -106,7 +106,7 @@ def _arrow() -> tuple[FloatArray, ...]:
 def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) -> tuple[list[str], list[str]]:
     """Break fields into lines such that the longest is as short as possible; the last fields are dropped until they fit."""
     # at most four fields, so that all line breaks can be tried
-    for kept in range(len(fields), 0, -1):
+    for kept in range(len(fields) if lines > 0 else 0, 0, -1):
         splits = combinations(range(1, kept), min(lines, kept) - 1)
         spread = [["  ".join(fields[i:j]) for i, j in pairwise((0, *split, kept))] for split in splits]
         best = min(spread, key=lambda texts: max(_width_mm(text, cap_mm) for text in texts))
@@ -125,12 +125,12 @@ def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tup
     cap_mm: Height of a capital letter.
     """
     line_mm = LINE_PITCH * cap_mm
-    # n lines take (n - 1) pitches and one cap height; 1e-9 for a strip that they fill exactly
+    # n lines take (n - 1) pitches and one cap height; 1e-9 for a strip that they fill exactly. Below 1 in a narrower strip
     lines = int((x_mm[1] - x_mm[0] - cap_mm) / line_mm + 1e-9) + 1
     low, high = y_mm
     beside_arrow = _pack(fields, lines, high - low - ARROW_MM - ARROW_GAP_MM, cap_mm)
     alone = _pack(fields, lines, high - low, cap_mm)
-    has_arrow = len(beside_arrow[1]) <= len(alone[1]) + 1 and high - low >= ARROW_MM
+    has_arrow = lines > 0 and len(beside_arrow[1]) <= len(alone[1]) + 1 and high - low >= ARROW_MM
     packed, left_out = beside_arrow if has_arrow else alone
     strokes: list[FloatArray] = []
     middle = (x_mm[0] + x_mm[1]) / 2

@@ -49,6 +49,8 @@ def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, lege
         image = shapely.difference(image, shapely.union_all(shapely.polygons(np.stack([cx, cy], axis=1)[:, None] + arms)))
     # normalised, so that the order of parts and their first vertices do not depend on how GEOS united the cells
     parts = shapely.get_parts(shapely.normalize(image))
+    # chamfers for a gap of several cells leave no ink: an empty polygon, which has no vertex
+    parts = parts[~shapely.is_empty(parts)]
     return Ink(areas_mm=tuple(area for part in parts for area in _without_holes(part, cell_mm / 10)))
 
 

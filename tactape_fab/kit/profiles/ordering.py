@@ -69,8 +69,8 @@ def read_ordering(profile: Fields) -> Ordering:
     order = profile.table("order", ("template", "currency", "placement", *COSTS, *OPTIONAL))
     currency = order.text("currency", pattern="[A-Z]{3}", remedy="give three capitals, such as USD")
 
-    def known(name: str, key: str, unit: str) -> Assumption | None:
-        return _assumption(order, name, key, unit) if name in order.values else None
+    def known(name: str, key: str, unit: str, low: float = 0.0) -> Assumption | None:
+        return _assumption(order, name, key, unit, low) if name in order.values else None
 
     return Ordering(
         template=order.text("template", choices=order_templates()),
@@ -80,16 +80,16 @@ def read_ordering(profile: Fields) -> Ordering:
         board=known("board", "cost", currency),
         number=_number(order) if "number" in order.values else None,
         attrition=known("attrition", "share", ""),
-        reel=known("reel", "parts", ""),
+        reel=known("reel", "parts", "", 1.0),  # the notes divide by it
     )
 
 
-def _assumption(order: Fields, name: str, key: str, unit: str) -> Assumption:
+def _assumption(order: Fields, name: str, key: str, unit: str, low: float = 0.0) -> Assumption:
     table = order.table(name, (key, "least", *ORIGIN_KEYS))
-    value = table.number(key, low=0.0, high=1e6, unit=unit)
+    value = table.number(key, low=low, high=1e6, unit=unit)
     return Assumption(
         value=value,
-        least=min(value, table.number("least", low=0.0, high=1e6, unit=unit)) if "least" in table.values else value,
+        least=min(value, table.number("least", low=low, high=1e6, unit=unit)) if "least" in table.values else value,
         origin=read_origin(table),
     )
 

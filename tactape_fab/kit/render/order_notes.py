@@ -74,7 +74,7 @@ def _reels(order: Ordering, parts: int) -> str:
     if order.reel is None:
         return ""
     # the more parts are on a reel, the fewer reels are needed
-    fewest, most = ceil(parts / order.reel.value), ceil(parts / max(order.reel.least, 1.0))
+    fewest, most = ceil(parts / order.reel.value), ceil(parts / order.reel.least)
     return f"; {fewest} reel{'s' * (fewest > 1)}" if fewest == most else f"; {fewest} or {most} reels"
 
 

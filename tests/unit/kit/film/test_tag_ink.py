@@ -212,3 +212,9 @@ def test_the_least_cell_still_reads_after_bleed(tag_id: int, light: bool) -> Non
 
 def test_ink_of_the_wrong_polarity_is_not_read() -> None:
     assert read_by_pupil(255 - picture(7, light=True)) == []
+
+
+@pytest.mark.parametrize("light", [False, True])
+def test_a_gap_of_many_cells_leaves_no_area(light: bool) -> None:
+    """An area without vertices ended `make` in the Gerber writer; no area is told by `verify`, which finds no tag."""
+    assert tag_ink(7, cell_mm=0.5, gap_mm=10.0, bleed_mm=0.05, legend_is_light=light).areas_mm == ()

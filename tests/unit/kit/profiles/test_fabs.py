@@ -66,3 +66,12 @@ def test_a_courtyard_has_an_area(size: float, tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(f"{head}[courtyard]\nsize_mm = [{size}, {rest.partition(',')[2]}", encoding="utf-8")
     with pytest.raises(SpecError, match=r"courtyard\.size_mm\[0\] = .* is below 0\.01 mm"):
         read_part(str(tmp_path / "a.toml"))
+
+
+@pytest.mark.parametrize("key", ["parts", "least"])
+def test_a_reel_holds_a_part(key: str, tmp_path: Path) -> None:
+    """With none, the order notes divided by zero."""
+    path = tmp_path / "a.toml"
+    path.write_text(f'extends = "generic-fpc"\n[order.reel]\n{key} = 0.5\n', encoding="utf-8")
+    with pytest.raises(SpecError, match=rf"order\.reel\.{key} = 0\.5 is below 1"):
+        load_fab(str(path))
