@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from threading import Event
 from time import perf_counter, thread_time, time
@@ -54,7 +55,14 @@ class _Waiting:
 
 @as_source
 def folder_source(
-    stop: Event, folder: Path, suffixes: Sequence[str], *, colour: bool = False, keep: bool = False, idle_s: float | None = None
+    stop: Event,
+    folder: Path,
+    suffixes: Sequence[str],
+    *,
+    colour: bool = False,
+    keep: bool = False,
+    idle_s: float | None = None,
+    frame_shape: tuple[int, int] | None = None,
 ) -> Iterator[Frame | Trouble]:
     """Source of a folder's files, in the order of the numbers in their names as far as they are there together.
 
@@ -66,6 +74,8 @@ def folder_source(
     colour: The files are colour images.
     keep: Drop none of those that come, either.
     idle_s: End when no new file has come for so long; by default never.
+    frame_shape: That of the sensor. A file of other frames is given as its first one, which is told as unusable: a megabyte may
+        hold a million, and those of the sensor would wait behind them.
     """
     taken: set[str] = set()
     waiting: dict[str, _Waiting] = {}
@@ -89,7 +99,7 @@ def folder_source(
         # frame_2 before frame_10
         for name in sorted(waiting, key=lambda name: (by_number(name), name)):
             file = waiting[name]
-            for found in _tried(folder / name, file, colour, number):
+            for found in _tried(folder / name, file, colour, number, frame_shape):
                 number += isinstance(found, Frame)
                 last_s = perf_counter()
                 yield found
@@ -120,7 +130,9 @@ def _gone(folder: Path, error: OSError) -> TactapeError:
     return TactapeError(f"folder {shown_path(folder)} cannot be looked into: {reason_of(error)}; is it still there?")
 
 
-def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Frame | Trouble]:
+def _tried(
+    path: Path, file: _Waiting, colour: bool, number: int, frame_shape: tuple[int, int] | None
+) -> Iterator[Frame | Trouble]:
     """The frames of a file that have not been taken yet; `file.reason` says why it cannot be taken whole, if so."""
     try:
         status = path.stat()
@@ -147,7 +159,7 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
     file.seen, file.since_s, file.reason = seen, now_s, ""
     before = file.taken
     try:
-        for k, (image, timestamp, px_per_mm) in enumerate(_read(path, colour)):
+        for k, (image, timestamp, px_per_mm) in enumerate(_read(path, colour, frame_shape)):
             # a file that grew was read before to this frame
             if k < before:
                 continue
@@ -158,7 +170,9 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
         file.reason = reason_of(error)
 
 
-def _read(path: Path, colour: bool) -> Iterator[tuple[npt.NDArray[Any], float | None, tuple[float, float] | None]]:
+def _read(
+    path: Path, colour: bool, frame_shape: tuple[int, int] | None
+) -> Iterator[tuple[npt.NDArray[Any], float | None, tuple[float, float] | None]]:
     ending = _ENDINGS.get(path.suffix.lower())
     if ending is not None:
         with open_regular(path) as stream:
@@ -169,7 +183,8 @@ def _read(path: Path, colour: bool) -> Iterator[tuple[npt.NDArray[Any], float | 
         yield read_colour(path), None, None
         return
     file = open_frame_file(path)
-    for k, image in enumerate(file.frames()):
+    of_sensor = frame_shape in (None, file.frame_shape)
+    for k, image in enumerate(islice(file.frames(), None if of_sensor else 1)):
         yield image, file.time_of(k), file.px_per_mm
 
 

@@ -214,10 +214,15 @@ def _source(
         except OSError:
             message = "source = -, but standard input is closed; pipe .npy arrays to it, or name a file or a folder"
             raise SpecError(Problem("source", message)) from None
-        return stream_source(stdin, keep=keep), True
+        return stream_source(stdin, keep=keep, frame_shape=sensor.frame_shape), True
     if folder:
         return folder_source(
-            path, COLOUR_PICTURES if settings.raw else SUFFIXES, colour=settings.raw, keep=keep, idle_s=idle_s
+            path,
+            COLOUR_PICTURES if settings.raw else SUFFIXES,
+            colour=settings.raw,
+            keep=keep,
+            idle_s=idle_s,
+            frame_shape=sensor.frame_shape,
         ), True
     if camera:
         return camera_source(path, sensor.frame_shape, crop, keep=keep), True

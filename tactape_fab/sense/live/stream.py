@@ -34,7 +34,12 @@ class Readable(Protocol):
 
 @as_source
 def stream_source(
-    stop: Event, stream: Readable, *, keep: bool = False, clock: Callable[[], float] = time
+    stop: Event,
+    stream: Readable,
+    *,
+    keep: bool = False,
+    frame_shape: tuple[int, int] | None = None,
+    clock: Callable[[], float] = time,
 ) -> Iterator[Frame | Trouble]:
     """Source of the arrays in a stream: (h, w), or (N, h, w) as N frames.
 
@@ -43,6 +48,8 @@ def stream_source(
 
     stream: Unbuffered: what `read` gives is looked at when it comes.
     keep: Let the writer wait instead of dropping frames.
+    frame_shape: That of the sensor. A stack of other frames is given as its first one, which is told as unusable: in a hundred
+        bytes a header may announce 10^18 frames of no pixel.
     """
     source = _Bytes(stream)
     number, last = 0, None
@@ -70,6 +77,8 @@ def stream_source(
             last = int(array) if array.dtype.kind in "iu" and abs(int(array)) > 2**53 else float(array)
             continue
         stack = array.ndim == 3
+        if stack and frame_shape not in (None, array.shape[1:]):
+            array = array[:1]
         for image in array if stack else [array]:
             yield Frame(number=number, image=image, timestamp=came if last is None else last, keep=keep or stack)
             number += 1

@@ -232,6 +232,16 @@ def test_starts_of_arrays_without_an_array_take_time_once(piece: bytes, most: in
     assert process_time() - before_s < 2.0
 
 
+@pytest.mark.parametrize("shape", [(50_000, 0, 0), (50_000, 1, 1)])
+def test_a_stack_of_another_sensor_is_told_once(shape: tuple[int, int, int]) -> None:
+    """A header of a hundred bytes announces 10^18 frames without a pixel, behind which the next one would never come."""
+    data = npy(np.zeros(shape, dtype=np.uint8)) + npy(ramp(0))
+    frames, troubles = read(stream_source(io.BytesIO(data), frame_shape=SHAPE))
+    assert [f.image.shape for f in frames] == [shape[1:], SHAPE] and not troubles
+    whole = npy(np.stack([ramp(k) for k in range(3)]))
+    assert len(read(stream_source(io.BytesIO(whole), frame_shape=SHAPE))[0]) == 3
+
+
 # Folder
 
 
@@ -361,6 +371,14 @@ def test_a_folder_ends_when_idle_and_says_what_it_leaves(tmp_path: Path) -> None
     assert 0.3 <= monotonic() - start < 5.0
     assert len(frames) == 1
     assert "b.npy" in trouble.message
+
+
+def test_a_file_of_another_sensor_is_told_once(tmp_path: Path) -> None:
+    """A megabyte holds a million frames of a pixel; each took 0.3 ms, while those of the sensor waited."""
+    np.save(tmp_path / "a.npy", np.zeros((50, 1, 1), dtype=np.uint8))
+    np.save(tmp_path / "b.npy", np.stack([ramp(k) for k in range(3)]))
+    frames, troubles = read(folder_source(tmp_path, SUFFIXES, idle_s=0.05, frame_shape=SHAPE))
+    assert [f.image.shape for f in frames] == [(1, 1), SHAPE, SHAPE, SHAPE] and not troubles
 
 
 def test_a_folder_says_what_cannot_be_opened_in_one_way(tmp_path: Path) -> None:
