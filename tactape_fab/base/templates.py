@@ -21,6 +21,8 @@ _PARSER = "tomllib" if sys.version_info >= (3, 11) else "tomli"
 _PROFILE_BYTES = 1024 * 1024
 _MOST_PARTS = 64
 """Most parts of a dotted key: the parser keeps the table of every prefix, which takes gigabytes for 100,000 parts."""
+_LONG_INTEGER = re.compile(r"0[xob][0-9A-Fa-f_]{3000}")
+"""Matches an integer that Python may refuse to write as decimals, of which it allows 4300; longer decimals it does not read."""
 # alternatives in order: a multi-line string, which cannot be in a key; a quoted or bare part; a dot with blanks around it; a
 # comment; blanks or any other character, which end a key
 _TOKENS = re.compile(
@@ -80,6 +82,8 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         # a key is on one line, so a line with few dots has no long key; the slow tokeniser runs only if some line has many
         if any(line.count(".") >= _MOST_PARTS for line in text.split("\n")) and _parts(text) > _MOST_PARTS:
             raise ValueError(f"a key has more than {_MOST_PARTS} parts, with dots between them")
+        if _LONG_INTEGER.search(text):  # every message and key with its value would raise a ValueError
+            raise ValueError("it holds an integer of thousands of digits")
         content: dict[str, Any] = library(_PARSER, "reading TOML").loads(text)
         return content
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them

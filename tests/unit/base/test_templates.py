@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 import tactape_fab
-from tactape_fab.base.templates import profile_names, templates_folder
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.templates import profile_names, read_toml, templates_folder
 from tests.thorough import only_thorough, slow
 
 ROOT = Path(tactape_fab.__file__).resolve().parent.parent
@@ -158,3 +159,16 @@ def test_wheel_and_sdist_are_the_same_when_built_twice(checkout: Path, tmp_path:
         assert done.returncode == 0, done.stderr
         built_files.append({path.name: path.read_bytes() for path in (tmp_path / f"dist{number}").iterdir()})
     assert len(built_files[0]) == 2 and built_files[0] == built_files[1]
+
+
+@pytest.mark.parametrize("number", ["0x" + "f" * 3572, "0o" + "7" * 4763, "0b" + "1" * 14286, "0x" + "_".join("f" * 3572)])
+def test_an_integer_that_python_does_not_write_is_refused(number: str, tmp_path: Path) -> None:
+    """Python reads it, and raises a ValueError where it is put into a message or a key."""
+    with pytest.raises(ValueError, match="4300 digits"):
+        str(int(number, 0))
+    path = tmp_path / "a.toml"
+    path.write_text(f"sector = {number}\n", encoding="ascii")
+    with pytest.raises(SpecError, match=r"a\.toml is not TOML: it holds an integer of thousands of digits; correct it"):
+        read_toml(path, "spec")
+    path.write_text(f"sector = 0x{'f' * 2000}\n", encoding="ascii")
+    assert read_toml(path, "spec") == {"sector": int("f" * 2000, 16)}
