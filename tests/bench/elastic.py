@@ -1,4 +1,6 @@
-"""The decoder on tapes pressed into an elastic gel, beside the imprint model: `python -m tests.bench.elastic [--frames N]`.
+"""The decoder on tapes pressed into an elastic gel, beside the imprint model.
+
+    python -m tests.bench.elastic [--frames N] [--part r0402 --w 2.2 --delta 0.3]
 
 A row is one contact: located of N, wrong (off by more than 0.5 mm), root mean square of the position's errors per axis and of the
 angle's, and the normalised squared error (NEES) over its three degrees of freedom, which is 1 where the covariance is true.
@@ -103,8 +105,12 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=40, metavar="N", help="frames a row")
     parser.add_argument("--seed", type=int, default=1, metavar="S")
     parser.add_argument("--noise", choices=("slope", "smooth"), default="slope")
+    parser.add_argument("--part", default="r0201", metavar="NAME")
+    parser.add_argument("--w", type=float, default=1.5, metavar="MM")
+    parser.add_argument("--delta", type=float, default=0.25, metavar="MM")
     given = parser.parse_args()
-    tape = plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
+    spec = TapeSpec(sector=7, pitch_mm=given.w, displacement_mm=given.delta)
+    tape = plan(spec, load_fab("generic-fpc"), load_part(given.part))
     localizer = Localizer([tape], sensor="gelsight-mini")
     noise: dict[str, Any] = {"slope_noise": SLOPE_NOISE} if given.noise == "slope" else {"noise_model": "smooth"}
     print(f"{'contact':32} {'located':>9} {'wrong':>5} {'rms um':>7} {'rms deg':>8} {'NEES/3':>7} {'s/frame':>8}")

@@ -98,14 +98,10 @@ def accept_place(
     seen_px = dots.seen_px if dots.seen_px is None or len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
     sharp = None if sharper is None or seen_px is None else sharper(seen_px, on.offset_px, on.nominal_mm)
     shift_px, heights, unsure = sharp or (np.zeros(2), on.weights, None)
-    offset_px = on.offset_px + shift_px
-    built_mm, placed_mm = on.nominal_mm, None
-    built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
-    if built is not None:
-        column, row = on.cells.T
-        # places as measured are fitted to, and `placed_mm` adds their variance to the dots'
-        built_mm = on.nominal_mm + built.shift_mm[row, column]
-        placed_mm = built.sigma_mm[row, column]
+    # what corrects maxima is left out as far as the dots are at middles instead
+    by_maxima = 1.0 - dots.by_edges
+    offset_px = on.offset_px + by_maxima * shift_px
+    built_mm, placed_mm, drift_mm = _built_at(world, place, on)
     # before the decision: how many dots agree is a part of it
     pose = fit_pose(offset_px, built_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
     if not pose.finite:
@@ -123,8 +119,10 @@ def accept_place(
         if lie is not None:
             if lie.bend is not None and lie.bend.on_flank:
                 return Localization(located=False, reason=_ON_FLANK, **fields), other
-            places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, built_mm)
-            pose, offset_px, drawn = tilted_pose(pose, lie, *places, on.weights, heights, gel.from_border_mm(seen_px), view)
+            maxima_px = gel.on_gel(seen_px) * view.px_per_mm + shift_px
+            places = (offset_px, offset_px + by_maxima * (maxima_px - offset_px), built_mm)
+            rim = on.weights, heights, gel.from_border_mm(seen_px)
+            pose, offset_px, drawn = tilted_pose(pose, lie, *places, *rim, view, by_maxima)
     pose = displaced(pose, view.beliefs, on.weights)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
@@ -140,11 +138,9 @@ def accept_place(
         # the pixels are where the gel shows them: dots that were moved to where a flat tape would show them have no others
         pose, fields["refine_reason"] = refine(pixels, view, *rest) if offset_px is as_seen_px else (pose, _TILTED)
         fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
-    pose = _less_sure(
-        pose,
-        None if drawn or fields["refined"] == "pixels" else unsure,  # by the heights of dots that are not corrected otherwise
-        0.0 if built is None else built.drift_mm,
-    )
+    # by the heights of dots that are not corrected otherwise
+    by_heights = None if drawn or unsure is None or fields["refined"] == "pixels" else by_maxima**2 * unsure
+    pose = _less_sure(pose, by_heights, drift_mm)
     return Localization(
         located=True, **fields, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)
     ), False
@@ -206,6 +202,17 @@ def _on_tape(dots: Dots, place: Place | PlanePlace, view: View, tape: Tape | Non
     nominal_mm, weights = nominal_mm[:k], weights[:k]
     weights = weights if tape is None else off_edge(weights, nominal_mm, tape)
     return _OnTape(inside=inside, cells=cells[:k], nominal_mm=nominal_mm, offset_px=offset_px[:k], weights=weights, good=good)
+
+
+def _built_at(world: Registry | CodePlane, place: Place | PlanePlace, on: _OnTape) -> tuple[FloatArray, FloatArray | None, float]:
+    """Places in the texture frame that a pose is fitted to, mm (k, 2): as measured, with their standard deviations (k,) and the
+    tape's drift since then, mm; or the design's, with None and 0.
+    """
+    built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
+    if built is None:
+        return on.nominal_mm, None, 0.0
+    column, row = on.cells.T
+    return on.nominal_mm + built.shift_mm[row, column], built.sigma_mm[row, column], built.drift_mm
 
 
 @lru_cache(maxsize=8)

@@ -395,6 +395,8 @@ class Localizer:
         small = (image is not None and self._square.straight) or len(dots.weights) == 0 or np.abs(dots.xy_px).max() <= LARGE
         if small:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
+        if image is not None:
+            dots = self._square.at_middles(dots, image, self._view.part)
         n = len(dots.weights)
         empty = partial(Localization, status=status_of(n), located=False, n_dots=n)
         if n < LEAST_DOTS:

@@ -12,6 +12,7 @@ from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.frame_dots import frame_dots
+from tactape_fab.sense.decode.dots.middles import middles
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.sense.decode.grid.long_parts import drawn_px
 from tactape_fab.sense.geometry import Camera
@@ -73,6 +74,19 @@ class SquareImage:
             elongation = square_pixels(dots.elongation, self.aspect)
             dots = replace(dots, xy_px=self.places(dots.xy_px), elongation=elongation, seen_px=dots.xy_px)
         return dots
+
+    def at_middles(self, dots: Dots, image: Image, part: TapePart | None) -> Dots:
+        """Dots of long bodies at their middles, as far as edges show them; `dots.middles`.
+
+        dots: In square pixels, with `seen_px`.
+        image (h, w): The canonical depth map that they were detected in.
+        part: The tapes' part; None if they differ.
+        """
+        found = middles(dots, image, part, self.px_per_mm, self.aspect)
+        if found is None or dots.seen_px is None:
+            return dots
+        offset_px, share = found
+        return replace(dots, xy_px=dots.xy_px + share * (self.places(dots.seen_px) + offset_px - dots.xy_px), by_edges=share)
 
     def shifts(
         self, part: TapePart | None, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray

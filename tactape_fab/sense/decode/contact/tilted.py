@@ -75,6 +75,7 @@ def tilted_pose(
     heights: FloatArray,
     border_mm: FloatArray,
     view: View,
+    by_maxima: float = 1.0,
 ) -> tuple[Pose, FloatArray, bool]:
     """The pose with the tilt's bias taken off and its uncertainty in the covariance; the places of dots that it is fitted to; and
     whether their tops are drawn, as under a tilt they are.
@@ -88,6 +89,7 @@ def tilted_pose(
     texture_mm, weights, view: As for `fit_pose`.
     heights (n,): Of the tops, in any unit.
     border_mm (n,): How far dots are from the image's border.
+    by_maxima: How far dots are at maxima, which are drawn, and not between the edges of their bodies (`Dots.by_edges`).
     """
     slope, unsure, bend, film, dome = lie
     square = float(slope @ slope)
@@ -106,10 +108,10 @@ def tilted_pose(
     detected = weights
     weights = 1.0 - (1.0 - weights) * (1.0 - share + share * np.minimum(np.maximum((RELIABLE - weights) / STEEPNESS, LOW), 1.0))
     weights = np.where(border_mm < BORDER_MM, np.minimum(weights, AT_BORDER), weights)
-    drawn = share * view.px_per_mm * _drawn_mm(_relative_slopes(heights, offset_px / view.px_per_mm), pose, view)
+    drawn = by_maxima * share * view.px_per_mm * _drawn_mm(_relative_slopes(heights, offset_px / view.px_per_mm), pose, view)
     along_parts = None if view.part is None else drawn_px(view.part, heights, offset_px, texture_mm, view.px_per_mm)
     if along_parts is not None:  # has been taken off, by heights of whole dots alone
-        seen_px = seen_px + along_parts.shift_px
+        seen_px = seen_px + by_maxima * along_parts.shift_px
     # `settled`'s correction is taken back as far as the contact counts as tilted, the draw of the pressure taken off instead
     places = offset_px + share * (seen_px - offset_px) - drawn
     # positions on the flat film, and what is unsure of them: the bend's parameters, or the length of the slope

@@ -40,6 +40,7 @@ class Dots:
     seen_px (n, 2): Detected position in the canonical image, before any correction; None if equal to `xy_px`.
     small: The image they were detected in: `averaged` over `coarseness` pixels.
     high: The band-passed `small`, whose local maxima they are.
+    by_edges: How far `xy_px` are middles of bodies between their edges (`middles`), which no pressure moves, from 0 to 1.
     """
 
     xy_px: FloatArray
@@ -49,6 +50,7 @@ class Dots:
     seen_px: FloatArray | None = None
     small: Image | None = None
     high: Image | None = None
+    by_edges: float = 0.0
 
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:

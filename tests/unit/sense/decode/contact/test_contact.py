@@ -388,7 +388,7 @@ def test_a_tilt_changes_no_decision(tilt_deg: tuple[float, float]) -> None:
 @costly
 @pytest.mark.parametrize(("v_deg", "radius_mm"), [(-2.0, None), (2.0, 30.0)])
 def test_a_tilted_contact_is_where_it_is(v_deg: float, radius_mm: float | None) -> None:
-    """Without depths in millimetres the same dots are taken for those of a flat contact, all drawn to its middle."""
+    """Pressure draws no dot whose edges are seen: with depths in millimetres, and without them, when nothing tells the tilt."""
     press = ElasticContact(force_n=0.5, tilt_deg=(0.0, v_deg), cylinder_radius_mm=radius_mm)
     frames = list(iterate_frames(TAPE, 6, 3, scene=Scene(elastic=press, slope_noise=0.032)))
     off, squares = [], []
@@ -401,9 +401,8 @@ def test_a_tilted_contact_is_where_it_is(v_deg: float, radius_mm: float | None) 
             c, s = np.cos(turn), np.sin(turn)
             off.append(s * error[0] + c * error[1])
             squares.append(error @ np.linalg.solve(fix.covariance[:2, :2], error) / 2)
-    known, blind = np.abs(np.mean(np.reshape(off, (2, 6)), axis=1))
-    assert known < 0.7 * blind
-    assert np.mean(squares[:6]) < 3.5  # 1 within five standard deviations
+    assert np.abs(np.mean(np.reshape(off, (2, 6)), axis=1)).max() < 0.005  # by maxima 7 and 6 um, without millimetres 14 and 11
+    assert max(np.mean(squares[:6]), np.mean(squares[6:])) < 3.5  # 1 within five standard deviations
 
 
 def test_a_tilted_contact_stays_at_its_dots() -> None:

@@ -64,15 +64,15 @@ def test_a_law_that_leaves_no_error_to_compare_by_is_taken_as_drawn(bad: float) 
 
 @pytest.mark.parametrize(
     ("part", "body_mm", "pitch_mm", "most_um"),
-    [("block", (1.0, 0.3, 0.2), 1.8, 50.0), ("block", (0.6, 0.6, 0.23), 1.6, 13.0), ("dome", (0.6, 0.6, 0.23), 1.5, 2.5)],
-)  # 103, 14 and 6 um where tops are drawn by the square of the side
+    [("block", (1.0, 0.3, 0.2), 1.8, 10.0), ("block", (0.6, 0.6, 0.23), 1.6, 13.0), ("dome", (0.6, 0.6, 0.23), 1.5, 2.5)],
+)  # of the last two 14 and 6 um where tops are drawn by the square of the side
 def test_a_tilted_contact_on_other_parts_is_as_exact_as_said(
     part: str, body_mm: tuple[float, float, float], pitch_mm: float, most_um: float
 ) -> None:
     tape = examine(TapeSpec(sector=3, size_mm=(40, 30), part=part, body_mm=body_mm, pitch_mm=pitch_mm)).tape
     localizer = Localizer(tape, world="closed")
     off, nees = [], []
-    for frame in iterate_frames(tape, 6, 4, scene=Scene(elastic=ElasticContact(force_n=2.0, tilt_deg=(2.0, -1.0)))):
+    for frame in iterate_frames(tape, 12, 4, scene=Scene(elastic=ElasticContact(force_n=2.0, tilt_deg=(2.0, -1.0)))):
         fix = localizer.locate(frame.depth)
         assert fix.position_mm is not None and fix.covariance is not None
         off.append(np.subtract(fix.position_mm, frame.position_mm))
