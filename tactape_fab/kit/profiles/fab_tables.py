@@ -158,13 +158,16 @@ def read_parts_limit(profile: Fields) -> PartsLimit:
 
 PANEL_MARKS = 4
 """Most fiducials, and most tooling holes, of a panel: one in each corner."""
+# the number of a side's tabs is its length over their pitch; slots and tabs of nanometres vanish in the files
+_LEAST_TAB_PITCH_MM = 1.0
+_LEAST_PANEL_MM = 0.1
 
 
 def read_panel(profile: Fields) -> PanelRules:
-    spans = ("rail_mm", "gap_mm", "tab_mm", "tab_pitch_mm")
+    spans = ("rail_mm", "gap_mm", "tab_mm")
     marks = ("fiducial_mm", "fiducial_opening_mm", "fiducial_shift_mm", "tooling_hole_mm")
     counts = ("fiducials", "tooling_holes")
-    table = profile.table("panel", ("make", "smallest_mm", "largest_mm", *spans, *marks, *counts, *ORIGIN_KEYS))
+    table = profile.table("panel", ("make", "smallest_mm", "largest_mm", *spans, "tab_pitch_mm", *marks, *counts, *ORIGIN_KEYS))
     smallest, largest = (table.numbers(key, 2, above=0.0) for key in ("smallest_mm", "largest_mm"))
     if min(largest) < min(smallest) or max(largest) < max(smallest):
         table.problem(
@@ -175,7 +178,8 @@ def read_panel(profile: Fields) -> PanelRules:
         make=table.text("make", choices=("auto", "none")),
         smallest_mm=(max(smallest), min(smallest)),
         largest_mm=(max(largest), min(largest)),
-        **{key: table.number(key, above=0.0, high=100.0) for key in (*spans, *marks)},  # type: ignore[arg-type]
+        **{key: table.number(key, low=_LEAST_PANEL_MM, high=100.0) for key in (*spans, *marks)},  # type: ignore[arg-type]
+        tab_pitch_mm=table.number("tab_pitch_mm", low=_LEAST_TAB_PITCH_MM, high=100.0),
         **{key: table.integer(key, low=0, high=PANEL_MARKS) for key in counts},
         origin=read_origin(table),
     )

@@ -75,3 +75,13 @@ def test_a_reel_holds_a_part(key: str, tmp_path: Path) -> None:
     path.write_text(f'extends = "generic-fpc"\n[order.reel]\n{key} = 0.5\n', encoding="utf-8")
     with pytest.raises(SpecError, match=rf"order\.reel\.{key} = 0\.5 is below 1"):
         load_fab(str(path))
+
+
+@pytest.mark.parametrize(("key", "least"), [("tab_pitch_mm", "1"), *((key, r"0\.1") for key in ("tab_mm", "gap_mm", "rail_mm"))])
+@pytest.mark.parametrize("length", [5e-324, 1e-9, 0.09])
+def test_tabs_and_slots_have_a_length(key: str, least: str, length: float, tmp_path: Path) -> None:
+    """`make` laid out millions of tabs, without end, or wrote a panel whose outline its own check refused."""
+    path = tmp_path / "a.toml"
+    path.write_text(f'extends = "generic-fpc"\n[panel]\n{key} = {length!r}\n', encoding="utf-8")
+    with pytest.raises(SpecError, match=rf"panel\.{key} = .* is below {least} mm; give a number from {least} to 100 mm"):
+        load_fab(str(path))
