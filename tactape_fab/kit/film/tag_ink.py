@@ -54,6 +54,11 @@ def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, lege
     return Ink(areas_mm=tuple(area for part in parts for area in _without_holes(part, cell_mm / 10)))
 
 
+def most_gap_mm(cell_mm: float, bleed_mm: float) -> float:
+    """Gap at which the chamfers of a cell's four corners meet in its middle, and leave none of its ink."""
+    return cell_mm * sqrt(2.0) - 2 * bleed_mm
+
+
 def _corner_contacts(inked: BoolArray) -> np.ndarray:
     """(row, column) of grid corners where exactly two inked cells meet, diagonally."""
     nw, ne, sw, se = inked[:-1, :-1], inked[:-1, 1:], inked[1:, :-1], inked[1:, 1:]

@@ -11,12 +11,14 @@ from tactape_fab.base.errors import Finding, Problem
 from tactape_fab.kit.film.anchors import anchor_modes, between_spurs_mm, clearance_mm, foreign_openings_mm
 from tactape_fab.kit.film.coverlay import Mode, coverlay_modes, first_legal
 from tactape_fab.kit.film.layout import Layout
+from tactape_fab.kit.film.tag_ink import most_gap_mm
 from tactape_fab.kit.outlines import opening_size_mm, part_outlines
 from tactape_fab.kit.plan import TOLERANCE_MM, film_size_mm
 from tactape_fab.kit.profiles import FabProfile, PartProfile, cited, load_fab
 from tactape_fab.kit.rules.remedies import film_remedy, part_words
 from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, pair_of
 from tactape_fab.texture.shapes import area_mm2, reach_mm
 
@@ -244,8 +246,26 @@ def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]
             **cited(origin),
             message=message if passed else f"{message} of {fab.name}; use {_cell_options(layout, spec, fab)}",
         )
+        yield from _tag_gap(layout.tape.tag, fab)
     yield _paste_ratio(layout, spec, fab)
     yield _chip_size(layout, spec, fab)
+
+
+def _tag_gap(tag: Tag, fab: FabProfile) -> Iterator[Finding]:
+    """Finding of a gap for which the chamfers of a cell's four corners take all of its ink; none where ink is left."""
+    gap_mm, most_mm = fab.legend.gap_mm, most_gap_mm(tag.cell_mm, fab.legend.bleed_mm)
+    if gap_mm < most_mm - TOLERANCE_MM:
+        return
+    yield Finding(
+        rule="legend-gap",
+        level="block",
+        passed=False,
+        value=gap_mm,
+        limit=most_mm,
+        **cited(fab.legend.origin),
+        message=f"legend.gap_mm = {gap_mm:g} mm of {fab.name} leaves no ink in cells of {tag.cell_mm:g} mm of the tag; "
+        f"use --tag none, or a profile with gap_mm + 2 bleed_mm below {most_mm + 2 * fab.legend.bleed_mm:.3f} mm",
+    )
 
 
 def _cell_options(layout: Layout, spec: TapeSpec, fab: FabProfile) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import hypot
+from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
@@ -205,6 +205,23 @@ def test_ink_of_the_tag_is_as_wide_as_a_line(above_mm: float, passed: bool) -> N
         assert cell_mm - 2 * FAB.legend.bleed_mm == pytest.approx(ink_mm + above_mm, abs=0.0011)
         assert cell_mm - 2 * FAB.legend.bleed_mm >= ink_mm + above_mm - 1e-9
         assert "--size" not in finding.message
+
+
+@pytest.mark.parametrize(("above_mm", "passed"), [(-0.001, True), (0.0, False), (10.0, False)])
+def test_a_gap_of_the_legend_leaves_ink_in_every_cell(above_mm: float, passed: bool) -> None:
+    """Without a rule, `make` wrote a kit whose tag nobody reads, or none, and `verify` did not name the key."""
+    values = {"tag": "strip", "size_mm": (40.0, 20.0)}
+    tag = examine(spec_of(**values)).tape.tag
+    assert tag is not None
+    gap_mm = tag.cell_mm * sqrt(2.0) - 2 * FAB.legend.bleed_mm + above_mm
+    fab = replace(FAB, legend=replace(FAB.legend, gap_mm=gap_mm))
+    assert ("legend-gap" not in found(values, fab)) is passed
+    if not passed:
+        finding = found(values, fab)["legend-gap"]
+        assert (finding.level, finding.value, finding.passed) == ("block", gap_mm, False)
+        assert f"legend.gap_mm = {gap_mm:g} mm of {FAB.name}" in finding.message
+        assert finding.message.endswith("use --tag none, or a profile with gap_mm + 2 bleed_mm below 0.707 mm")
+        assert "legend-gap" not in found({"tag": "none"}, fab)
 
 
 def test_a_wider_tag_may_need_a_larger_outline() -> None:
