@@ -77,8 +77,12 @@ _TABLES = (
     *("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size"),
     *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel", "order"),
 )
-LEAST_LEGEND_MM = {"line_mm": 0.0, "text_mm": 0.1, "gap_mm": 0.0, "bleed_mm": 0.0, "edge_mm": 0.0}
-"""Least values of the legend's sizes: with a text height of 0 a strip would hold infinitely many lines."""
+LEAST_LEGEND_MM = {"line_mm": 0.01, "text_mm": 0.1, "gap_mm": 0.0, "bleed_mm": 0.0, "edge_mm": 0.0}
+"""Least values of the legend's sizes: with a text height of 0 a strip would hold infinitely many lines, and lines of no width
+are no ink.
+"""
+# faces of a board next to nothing thick have no direction in the STEP file
+_LEAST_THICKNESS_MM = 0.001
 _LEGEND_KEYS = tuple(LEAST_LEGEND_MM)
 _COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
 _BEFORE = r"([A-Za-z0-9_-][A-Za-z0-9._-]{0,29})?"
@@ -234,7 +238,7 @@ def load_fab(name: str) -> FabProfile:
         title=table.text("title"),
         material=Material(
             base=_one_blank(material.text("base")),
-            thickness_mm=material.number("thickness_mm", above=0.0, high=10.0),
+            thickness_mm=material.number("thickness_mm", low=_LEAST_THICKNESS_MM, high=10.0),
             copper_um=material.number("copper_um", above=0.0, high=1000.0, unit="um"),
             layers=material.integer("layers", low=1, high=64),
             finish=_one_blank(material.text("finish")),

@@ -85,3 +85,13 @@ def test_tabs_and_slots_have_a_length(key: str, least: str, length: float, tmp_p
     path.write_text(f'extends = "generic-fpc"\n[panel]\n{key} = {length!r}\n', encoding="utf-8")
     with pytest.raises(SpecError, match=rf"panel\.{key} = .* is below {least} mm; give a number from {least} to 100 mm"):
         load_fab(str(path))
+
+
+@pytest.mark.parametrize(("table", "key", "least"), [("material", "thickness_mm", r"0\.001"), ("legend", "line_mm", r"0\.01")])
+@pytest.mark.parametrize("length", [0.0, 5e-324, 1e-9])
+def test_board_and_lines_have_a_thickness(table: str, key: str, least: str, length: float, tmp_path: Path) -> None:
+    """`make` wrote a STEP file with NaN into a kit that passed, and a legend that no Gerber reader takes."""
+    path = tmp_path / "a.toml"
+    path.write_text(f'extends = "generic-fpc"\n[{table}]\n{key} = {length!r}\n', encoding="utf-8")
+    with pytest.raises(SpecError, match=rf"{table}\.{key} = .* is below {least} mm"):
+        load_fab(str(path))
