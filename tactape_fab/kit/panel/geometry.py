@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from math import ceil
 from typing import Any
 
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.drawing import Hole, Offset
+from tactape_fab.kit.profiles.fab_tables import LEAST_TAB_PITCH_MM
 from tactape_fab.kit.spec.panel_options import MOST_ALONG
 from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.frames import FloatArray, snap_mm
@@ -21,6 +23,7 @@ CORNER_RADIUS_MM = 1.0
 _RADIUS = "corner_radius_mm"
 MOST_PLACES = 1000
 """Most tapes of a packed panel."""
+_MOST_TABS = 1000
 
 Size = tuple[float, float]
 
@@ -195,23 +198,30 @@ def _read_packed(table: Fields) -> dict[str, Any]:
 
 
 def _read_place(entry: Fields) -> Place:
-    width, height = entry.numbers("size_mm", 2, above=0.0, high=LONGEST_MM)
+    width, height = entry.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(LONGEST_MM, LONGEST_MM))
+    tabs_x, tabs_y = _read_tabs(entry, max(width, height))
     x, y = entry.numbers("offset_mm", 2, low=0.0, high=LONGEST_MM)
     return Place(
         size_mm=(width, height),
         radius_mm=entry.number("radius_mm", low=0.0, high=min(width, height) / 2),
         offset_mm=(x, y),
         turned=entry.flag("turned"),
-        tabs_x=entry.integer("tabs_x", low=0, high=1000),
-        tabs_y=entry.integer("tabs_y", low=0, high=1000),
+        tabs_x=tabs_x,
+        tabs_y=tabs_y,
     )
+
+
+def _read_tabs(table: Fields, side_mm: float) -> tuple[int, int]:
+    """Numbers of tabs of the sides of a tape, of which `side_mm` is the longest; to draw more than `make` plans takes minutes."""
+    most = min(ceil(side_mm / LEAST_TAB_PITCH_MM), _MOST_TABS)
+    return table.integer("tabs_x", low=0, high=most), table.integer("tabs_y", low=0, high=most)
 
 
 def _read_grid(table: Fields, rail_mm: float, gap_mm: float) -> dict[str, Any]:
     """Size and places of a panel of equal tapes in columns and rows."""
     width, height = table.numbers("tape_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
     columns, rows = (table.integer(key, low=1, high=MOST_ALONG, default=1) for key in ("columns", "rows"))
-    tabs_x, tabs_y = (table.integer(key, low=0, high=1000) for key in ("tabs_x", "tabs_y"))
+    tabs_x, tabs_y = _read_tabs(table, max(width, height))
     radius_mm = table.number("tape_radius_mm", low=0.0, high=min(width, height) / 2)
     return {
         "size_mm": panel_size_mm((width, height), (columns, rows), rail_mm, gap_mm),

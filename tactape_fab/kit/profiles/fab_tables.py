@@ -158,9 +158,10 @@ def read_parts_limit(profile: Fields) -> PartsLimit:
 
 PANEL_MARKS = 4
 """Most fiducials, and most tooling holes, of a panel: one in each corner."""
-# the number of a side's tabs is its length over their pitch; slots and tabs of nanometres vanish in the files
-_LEAST_TAB_PITCH_MM = 1.0
+LEAST_TAB_PITCH_MM = 1.0
+"""A side of a tape has as many tabs as this fits into it, at most."""
 _LEAST_PANEL_MM = 0.1
+"""Slots, tabs and marks of nanometres vanish in the files."""
 
 
 def read_panel(profile: Fields) -> PanelRules:
@@ -179,7 +180,7 @@ def read_panel(profile: Fields) -> PanelRules:
         smallest_mm=(max(smallest), min(smallest)),
         largest_mm=(max(largest), min(largest)),
         **{key: table.number(key, low=_LEAST_PANEL_MM, high=100.0) for key in (*spans, *marks)},  # type: ignore[arg-type]
-        tab_pitch_mm=table.number("tab_pitch_mm", low=_LEAST_TAB_PITCH_MM, high=100.0),
+        tab_pitch_mm=table.number("tab_pitch_mm", low=LEAST_TAB_PITCH_MM, high=100.0),
         **{key: table.integer(key, low=0, high=PANEL_MARKS) for key in counts},
         origin=read_origin(table),
     )
