@@ -99,7 +99,8 @@ def _read(archive: zipfile.ZipFile) -> dict[str, npt.NDArray[np.float32]]:
         raise SpecError(f"is a zip of other things than one table of tensors; {_REMEDY}")
     top = tables[0].removesuffix("data.pkl")
     planned = _table_of(_entry(archive, tables[0], MOST_PICKLE_BYTES))
-    if sum(prod(tensor.shape) for tensor in planned.values()) > MOST_VALUES:
+    # the storage of each tensor is read, of which the tensor may be a small part
+    if sum(tensor.storage.count for tensor in planned.values()) > MOST_VALUES:
         raise SpecError(f"holds more than {MOST_VALUES} numbers, more than a network for one pixel has; {_REMEDY}")
     order = ">" if top + "byteorder" in names and _entry(archive, top + "byteorder", 16) == b"big" else "<"
     return {name: _tensor(archive, top, order, tensor) for name, tensor in planned.items()}

@@ -165,6 +165,7 @@ def test_no_program_is_run_inside_a_tensor(tmp_path: Path) -> None:
         (table({"a": tensor(storage("0", 6, "HalfStorage"), (6,))}), "'torch.HalfStorage', not single or double precision"),
         (table({"a": tensor(storage("0", 6), (6,)).replace(b")Rt", b")R}" + text("neg") + b"\x88st")}), "resolve_neg"),
         (table({f"a{k}": tensor(storage("0", 1 << 19), (1 << 19,)) for k in range(2)}), "more than 524288 numbers"),
+        (table({f"a{k}": tensor(storage("0", 1 << 19), (0,)) for k in range(2)}), "more than 524288 numbers"),
     ],
 )
 def test_what_is_no_table_of_tensors_is_refused(pickled: bytes, says: str, tmp_path: Path) -> None:
