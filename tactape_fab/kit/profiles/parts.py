@@ -183,7 +183,7 @@ def _attribute_text(table: Fields, key: str) -> str:
 
 def read_land(table: Fields) -> LandPattern:
     """Read a land pattern from a table of a part profile or a manifest; problems are collected in `table`."""
-    size = table.numbers("size_mm", 2, above=0.0, high=20.0)
+    size = table.numbers("size_mm", 2, low=LEAST_BODY_MM, high=20.0)
     return LandPattern(
         size_mm=(size[0], size[1]),
         corner_radius_mm=table.number("corner_radius_mm", low=0.0, high=min(size) / 2),

@@ -68,6 +68,19 @@ def test_a_courtyard_has_an_area(size: float, tmp_path: Path) -> None:
         read_part(str(tmp_path / "a.toml"))
 
 
+@pytest.mark.parametrize("land", ["pads", "paste"])
+@pytest.mark.parametrize("size", [5e-324, 1e-9, 0.009])
+def test_lands_have_an_area(land: str, size: float, tmp_path: Path) -> None:
+    """Pads of none ended `make` in a traceback, apertures of paste in an error that did not name the key."""
+    text = (templates_folder() / "parts" / "r0201.toml").read_text(encoding="utf-8")
+    head, _, rest = text.partition(f"[{land}]")
+    before, _, after = rest.partition("size_mm = [")
+    changed = f"{head}[{land}]{before}size_mm = [{size!r}, {after.partition(',')[2]}"
+    (tmp_path / "a.toml").write_text(changed, encoding="utf-8")
+    with pytest.raises(SpecError, match=rf"{land}\.size_mm\[0\] = .* is below 0\.01 mm"):
+        read_part(str(tmp_path / "a.toml"))
+
+
 @pytest.mark.parametrize("key", ["parts", "least"])
 def test_a_reel_holds_a_part(key: str, tmp_path: Path) -> None:
     """With none, the order notes divided by zero."""
