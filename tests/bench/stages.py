@@ -33,6 +33,7 @@ STAGES = {
     "input": ("localizer", "canonical_depths"),
     "dots": ("square_image", "frame_dots"),
     "rim": ("localizer", "settled"),
+    "edges": ("square_image", "middles"),
     "grid": ("rank", "_fits"),
     "symbols": ("rank", "posteriors"),
     "registered places": ("rank", "_place"),

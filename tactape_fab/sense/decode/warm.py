@@ -15,7 +15,7 @@ from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import turn_weights
 from tactape_fab.sense.decode.dots.holes import filled
 from tactape_fab.sense.decode.dots.inputs import span
-from tactape_fab.sense.decode.dots.middles import edges_at, has_edges
+from tactape_fab.sense.decode.dots.middles import rehearse_middles
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
@@ -74,8 +74,7 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
     _, heights = sharp_tops(image, view.px_per_mm, dots.xy_px)
     if view.part is not None:
         drawn_px(view.part, heights, dots.xy_px, dots.xy_px, view.px_per_mm)
-    if has_edges(view.part):
-        edges_at(image, dots.xy_px, np.ones(2), np.ones(2))
+    rehearse_middles(dots, image, view.part)
     detect(image, view.px_per_mm)
     n = len(dots.xy_px)
     agree = np.ones(n, dtype=bool)

@@ -8,7 +8,7 @@ by 0.005 to 0.02 mm. At the contact's rim the gel leaves a top before its outer 
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, sin
+from math import hypot
 
 import numpy as np
 
@@ -60,22 +60,14 @@ def middles(dots: Dots, image: Image, part: TapePart | None, px_per_mm: float, a
     """
     if part is None or dots.elongation is None or dots.seen_px is None or not has_edges(part):
         return None
-    length_mm, width_mm = max(part.body_mm[:2]), min(part.body_mm[:2])
-    whole = ((dots.weights >= WHOLE) & (dots.trust >= GOOD_TRUST)).nonzero()[0]
-    if len(whole) < LEAST_GOOD:
+    seen_px, whole = dots.seen_px, np.empty(len(dots.weights), dtype=np.int64)
+    count, c, s = _direction(dots.elongation, dots.weights, dots.trust, whole)
+    if count < LEAST_GOOD or c == s == 0.0:
         return None
-    turned = dots.elongation.take(whole, 0)
-    mean_u, mean_v = (turned.sum(axis=0) / len(whole)).tolist()
-    square = mean_u * mean_u + mean_v * mean_v
-    if len(whole) * square < SURE**2 * (float((turned * turned).sum()) / len(whole) - square):
-        return None
-    # a top that is longest at an angle phi has the elongation -a (cos 2 phi, sin 2 phi)
-    phi = atan2(-mean_v, -mean_u) / 2.0
-    c, s = cos(phi), sin(phi)
     # sides of the body, along and across, in square pixels and in those of the image
-    axes_px = np.array([[length_mm], [width_mm]]) * px_per_mm * np.array([[c, s], [-s, c]])
-    along_px, across_px = axes_px / (1.0, aspect)
-    seen_px = dots.seen_px
+    whole, length_px, width_px = whole[:count], max(part.body_mm[:2]) * px_per_mm, min(part.body_mm[:2]) * px_per_mm
+    along_px = np.array((length_px * c, length_px * s / aspect))
+    across_px = np.array((-width_px * s, width_px * c / aspect))
     first = edges_at(image, seen_px.take(whole[:FIRST], 0), along_px, ASIDE * across_px)
     if _sharpness(first) > CLEARLY_BLUNT:
         return None
@@ -87,7 +79,8 @@ def middles(dots: Dots, image: Image, part: TapePart | None, px_per_mm: float, a
         return None
     on_axis_px = seen_px + along[:, None] * along_px
     across = _between(edges_at(image, on_axis_px, across_px, ASIDE * along_px), whole, seen_px, middle_px, across_px)
-    return np.stack([along, np.zeros(len(along)) if across is None else across], axis=1) @ axes_px, share
+    found = np.outer(along, along_px) + (0.0 if across is None else np.outer(across, across_px))
+    return found * (1.0, aspect), share
 
 
 def edges_at(image: Image, seen_px: FloatArray, side_px: FloatArray, aside_px: FloatArray) -> FloatArray:
@@ -129,6 +122,37 @@ def _between(
     return out
 
 
+def rehearse_middles(dots: Dots, image: Image, part: TapePart | None) -> None:
+    """Compile the kernels now, so that no frame waits, where there are bodies with edges."""
+    if dots.elongation is None or not has_edges(part):
+        return
+    n, side = len(dots.weights), np.ones(2)
+    _direction(dots.elongation, dots.weights, dots.trust, np.empty(n, dtype=np.int64))
+    edges = edges_at(image, dots.xy_px, side, side)
+    _find_between(edges, 1.0, dots.xy_px, side, side, np.empty(n))
+
+
+@kernel()
+def _direction(elongation: FloatArray, weights: FloatArray, trust: FloatArray, whole: IntArray) -> tuple[int, float, float]:
+    """Fill in which dots are whole, and return how many are, and the bodies' direction in the image; zeros where none is sure."""
+    count, mean_u, mean_v, squares = 0, 0.0, 0.0, 0.0
+    for i in range(len(weights)):
+        if weights[i] >= WHOLE and trust[i] >= GOOD_TRUST:
+            u, v = elongation[i, 0], elongation[i, 1]
+            mean_u, mean_v, squares = mean_u + u, mean_v + v, squares + u * u + v * v
+            whole[count] = i
+            count += 1
+    if count == 0:
+        return 0, 0.0, 0.0
+    mean_u, mean_v = mean_u / count, mean_v / count
+    square = mean_u * mean_u + mean_v * mean_v
+    if count * square < SURE * SURE * (squares / count - square) or square == 0.0:
+        return count, 0.0, 0.0
+    # a top that is longest at an angle phi has the elongation -a (cos 2 phi, sin 2 phi)
+    phi = np.arctan2(-mean_v, -mean_u) / 2.0
+    return count, np.cos(phi), np.sin(phi)
+
+
 @kernel(fastmath=True)
 def _find_between(
     edges: FloatArray, usual: float, seen_px: FloatArray, middle_px: FloatArray, side_px: FloatArray, out: FloatArray
@@ -160,7 +184,6 @@ def _find_edges(
         least 0; and its height over the feet of both. In sides and a third of the image's unit.
     """
     h, w = image.shape
-    last_u, last_v = np.float32(w - 1.01), np.float32(h - 1.01)
     step_u, step_v = side_px[0] / STEPS, side_px[1] / STEPS
     for i in range(len(seen_px)):
         # beyond the border the image goes on as it ends
@@ -171,11 +194,11 @@ def _find_edges(
         for beside in range(-1, 2):
             u, v = seen_px[i, 0] + beside * aside_px[0] - REACH * step_u, seen_px[i, 1] + beside * aside_px[1] - REACH * step_v
             for k in range(2 * REACH + 1):
-                x, y = np.float32(u + k * step_u), np.float32(v + k * step_v)
+                x, y = u + k * step_u, v + k * step_v
                 if not within:
-                    x, y = clip(x, np.float32(0.0), last_u), clip(y, np.float32(0.0), last_v)
+                    x, y = clip(x, 0.0, w - 1.01), clip(y, 0.0, h - 1.01)
                 column, row = np.int32(x), np.int32(y)
-                a, b = x - np.float32(column), y - np.float32(row)
+                a, b = np.float32(x - column), np.float32(y - row)
                 upper = image[row, column] + a * (image[row, column + 1] - image[row, column])
                 lower = image[row + 1, column] + a * (image[row + 1, column + 1] - image[row + 1, column])
                 line[k] += upper + b * (lower - upper)
@@ -197,7 +220,7 @@ def _find_edges(
                 off = clip((after - before) / (2.0 * bend), -0.5, 0.5) if bend > 0.0 else 0.0
             foot = line[REACH + way * at]
             for k in range(at, REACH + 1):
-                foot = clip(line[REACH + way * k], -np.inf, foot)
+                foot = min(foot, line[REACH + way * k])
             out[ahead, i] = way * (at + off) / STEPS
             out[2 + ahead, i] = steepest * STEPS / (2.0 * span)
             feet += foot / 2.0

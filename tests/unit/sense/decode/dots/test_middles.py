@@ -14,7 +14,7 @@ from tactape_fab.kit.plan import plan
 from tactape_fab.kit.profiles import load_fab, load_part
 from tactape_fab.sense import ElasticContact, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.dots.detect import Dots
-from tactape_fab.sense.decode.dots.middles import BLUNT, LEAST_LENGTH_MM, SHARP, edges_at, has_edges, middles
+from tactape_fab.sense.decode.dots.middles import BLUNT, LEAST_LENGTH_MM, SHARP, STEPS, edges_at, has_edges, middles
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE
 
@@ -115,6 +115,30 @@ def test_a_line_that_leaves_the_image_goes_on_as_it_ends() -> None:
     assert np.isfinite([near, far, rises, falls, height]).all()
     assert np.abs(far[[0, 2]] - 0.5).max() < 0.03 and np.abs(near[[1, 3]] + 0.5).max() < 0.03
     assert np.abs(rises[[0, 2]]).max() < 1e-3 and np.abs(falls[[1, 3]]).max() < 1e-3
+
+
+def test_edges_are_found_between_samples() -> None:
+    """Of a ramp as wide as a smooth step: places to a hundredth of a side, slopes and heights as drawn, in thirds of the unit."""
+    at_px, v, side = np.arange(5.0, 6.0, 0.1), 60, 20.0
+    for before_px, after_px in zip(90.0 - at_px, 90.0 + at_px + 0.37, strict=True):
+        u = np.arange(SIDE_PX) / side
+        row = 0.3 * edge(before_px / side - u, 0.3) * edge(u - after_px / side, 0.3) + 0.05 * u
+        image = np.tile(row, (120, 1)).astype(np.float32)
+        side_px, aside_px = np.array([side, 0.0]), np.array([0.0, 2.0])
+        near, far, rises, falls, height = edges_at(image, np.array([[90.0, v]]), side_px, aside_px)[:, 0]
+        assert (near, far) == pytest.approx(((before_px - 90.0) / side, (after_px - 90.0) / side), abs=0.006)
+        # a difference over two steps on each side, less what pixels round off
+        slope = 0.3 * np.tanh(2.0 * (2.0 / STEPS) / 0.3) / (4.0 / STEPS)
+        assert rises / 3.0 == pytest.approx(slope + 0.05, rel=0.05) and falls / 3.0 == pytest.approx(slope - 0.05, rel=0.05)
+        assert height / 3.0 == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_border_is_as_if_the_image_were_padded() -> None:
+    places = np.array([(2.0, 90.0), (SIDE_PX - 3.0, 91.0), (90.0, 1.5), (89.0, SIDE_PX - 2.5)])
+    image = bodies(places, 0.6, 0.3)
+    side_px, aside_px, pad = R * np.array([np.cos(0.6), np.sin(0.6)]), 0.1 * R * np.array([-np.sin(0.6), np.cos(0.6)]), 40
+    padded = edges_at(np.pad(image, pad, mode="edge"), places + pad, side_px, aside_px)
+    assert np.allclose(edges_at(image, places, side_px, aside_px), padded, rtol=0.01, atol=0.003)
 
 
 @cache
