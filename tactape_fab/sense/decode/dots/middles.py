@@ -1,9 +1,9 @@
 """Middles of long bodies, between the edges of their tops, which no pressure moves.
 
 Where a gel follows bodies closely, their tops are level, and the maximum of a band-pass is where the pressure is highest: in the
-elastic simulator, under 0.5 to 10 N, 0.17 to 0.22 mm from the middle of an 0402, as far as symbols are displaced, and 0.02 to
-0.04 mm from that of an 0201. Edges are where the depth falls steepest, and stay where the body is: middles between them are off
-by 0.005 to 0.02 mm. At the contact's rim the gel leaves a top before its outer edge; the steeper edge is the body's then.
+elastic simulator, under 0.5 to 10 N, 0.17 to 0.22 mm from the middle of an 0402, most of a displacement, and 0.02 to 0.04 mm from
+that of an 0201. Edges are where the depth falls steepest, and stay where the body is: middles between them are off by 0.005 to
+0.02 mm. At the contact's rim the gel leaves a top before its outer edge; the inner edge, and the body's length, tell then.
 """
 
 from __future__ import annotations
