@@ -36,12 +36,14 @@ class Row:
     """A scene with the truth that the stock profile does not know; theta is drawn where it is None.
 
     displacement_um: What the profile says of the gel's displacement; None: the truth.
+    cut_at: Quantile of a frame's depths beyond which they are cut off, as where a format's range ends.
     """
 
     name: str
     scene: Scene = field(default_factory=Scene)
     theta_deg: float | None = None
     displacement_um: float | None = None
+    cut_at: float = 1.0
 
 
 def _at(u_mm: float, v_mm: float, **options: float) -> Scene:
@@ -85,6 +87,7 @@ ROWS = (
         for mm in (16.0, 100.0)
     ),
     Row(name="contact 7x7", scene=Scene(contact_mm=(7.0, 7.0))),
+    *(Row(name=f"depths cut off at the {100 * cut_at:g} % quantile", cut_at=cut_at) for cut_at in (0.99, 0.95, 0.9)),
     Row(name="noise x2", scene=Scene(noise=2.0)),
 )
 
@@ -120,7 +123,7 @@ def figures_of(row: Row, count: int, refine: Refined) -> Figures:
         poses[:, 2] = theta_deg
         frames = iterate_frames(registered_tape(), count, SEED, scene=scene, poses=poses)
     for frame in frames:
-        fix = localizer.locate(frame.depth)
+        fix = localizer.locate(np.minimum(frame.depth, np.quantile(frame.depth, row.cut_at)))
         if not is_right(fix, frame):
             wrong += fix.located
             continue

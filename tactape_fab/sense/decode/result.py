@@ -129,7 +129,8 @@ class Localization:
         Why the pose is that of the dots although it was to be fitted to the pixels.
     contact : ContactSurface or None
         Depths at the parts' tops, from which the properties below are computed when they are asked for; None where it is not
-        located, by `locate_dots`, with method "paper", and where the sensor's profile has no `depth.unit_mm`.
+        located, by `locate_dots`, with method "paper", where the sensor's profile has no `depth.unit_mm`, and where the tops'
+        depths are cut off.
     places : {"nominal", "as-built"} or None
         What the answer rests on: the places of parts by the design, or those measured on this tape. Of a tape that was measured
         the measured ones, unless the dots fit the design a thousand times better. None without a tape.

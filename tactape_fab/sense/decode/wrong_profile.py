@@ -1,5 +1,4 @@
-"""Wrong sign, mirror or scale of a sensor profile, found by trying a frame that is not located with each put right; and depths
-that are cut off.
+"""Wrong sign, mirror or scale of a sensor profile, found by trying a frame that is not located with each put right.
 
 Nothing here locates a frame. A quarter turn cannot be told: the tape's answer is as good with another angle.
 """
@@ -15,7 +14,6 @@ import numpy as np
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import flipped_u
-from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.fit import fit_grid
 from tactape_fab.sense.decode.grid.lattice import find_lattices
@@ -43,10 +41,6 @@ _FOUND_TO = 0.04
 """Largest relative error of a pitch that was found: twice that of small contacts."""
 IN_PROFILE = " in the sensor profile"
 """What every reason that names a wrong profile has."""
-CUT_SHARE, FLAT_SHARE = 0.005, 0.3
-"""Shares of the pixels with the largest depth between which tops count as cut off. Of a contact of 7x7 mm, simulated, cut at the
-quantiles 0.99, 0.97 and 0.95 of its depths, 96, 68 and 27 % are located; whole ones have that depth once. Beyond 0.3 it is the
-background's."""
 _ANY_BOUND = inf
 """As `read`'s limit: no other grid is tried, so that a frame of something else costs little."""
 
@@ -90,15 +84,6 @@ def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots]
         scale = _scale(seen, pitch_px / seen.view.pitch_mm)
         message = f"{_found(seen, pitch_px)}; set {scale}{IN_PROFILE}, {_another_tape(seen, pitch_px)}"
     return message
-
-
-def cut_off(image: Image) -> str | None:
-    """A reason for a canonical image (h, w) with many pixels of the largest depth, as where a format's range ends; else None."""
-    share = float(np.count_nonzero(image == image.max())) / image.size
-    if not CUT_SHARE <= share <= FLAT_SHARE:
-        return None
-    of_pixels = f"{100 * share:.2g} % of the pixels have the largest depth"
-    return f"{of_pixels}: if tops are cut off there, write depths with a larger range"
 
 
 def _off(seen: Seen, pitch_px: float) -> float:

@@ -106,18 +106,6 @@ def test_a_negative_sign_and_a_mirror_are_turned_back(tmp_path: Path) -> None:
     assert "set mirror = false in the sensor profile" in str(localizer.locate(frame[:, ::-1]).reason)
 
 
-def test_depths_that_are_cut_off_are_named(localizer: Localizer) -> None:
-    """As of an image of 8 bits with too small a step; the same frame with its tops is located."""
-    frame = simulate(TAPE, *POSE, contact_mm=(7.0, 7.0))
-    cut = np.minimum(frame, np.quantile(frame, 0.9))
-    fix = localizer.locate(cut)
-    assert not fix.located and re.search(r"; 10 % of the pixels have the largest depth: if tops", str(fix.reason)), fix.reason
-    assert "largest depth" not in str(localizer.locate(cut + 1e-6 * frame).reason)
-    assert localizer.locate(frame).located
-    flat = np.minimum(frame, np.quantile(frame, 0.5))
-    assert "largest depth" not in str(localizer.locate(flat).reason)
-
-
 def test_quarter_turns_are_not_seen_but_in_theta() -> None:
     """docs/localization.md: on a tape that lies straight, rotate90 is too small by theta_deg / 90."""
     square = replace(MINI, width_px=260, height_px=260)
