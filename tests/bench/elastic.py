@@ -39,10 +39,14 @@ PRESSES: dict[str, dict[str, Any]] = {
     "cylinder 30": {"cylinder_radius_mm": 30.0},
     "cylinder 15.7": {"cylinder_radius_mm": 15.7},
     "cylinder 15.7, 4 mm off": {"cylinder_radius_mm": 15.7},
+    "cylinder 260, turned 45": {"cylinder_radius_mm": 260.0},
     "flat, markers": {"markers": True},
 }
-ASIDE_MM = {"cylinder 15.7, 4 mm off": 4.0}
-"""How far the cylinder's axis is from the image's middle, along v."""
+PLACES: dict[str, dict[str, Any]] = {
+    "cylinder 15.7, 4 mm off": {"contact_offset_mm": (0.0, 4.0)},
+    "cylinder 260, turned 45": {"contact_turn_deg": 45.0},
+}
+"""How the contact lies under the image: the cylinder's axis off its middle along v, or turned from its rows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,8 +69,7 @@ def rows(noise: dict[str, Any]) -> Iterator[tuple[str, Scene]]:
     for name, options in PRESSES.items():
         for force_n in FORCES_N:
             elastic = ElasticContact(force_n=force_n, **options)
-            aside_mm = (0.0, ASIDE_MM.get(name, 0.0))
-            yield f"{name}, {force_n:g} N", Scene(elastic=elastic, contact_offset_mm=aside_mm, **noise)
+            yield f"{name}, {force_n:g} N", Scene(elastic=elastic, **PLACES.get(name, {}), **noise)
 
 
 def measure(localizer: Localizer, tape: Tape, scene: Scene, count: int, seed: int) -> Measured:

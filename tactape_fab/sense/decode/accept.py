@@ -111,11 +111,12 @@ def accept_place(
     if reason is not None:
         return Localization(located=False, reason=reason, **fields), other
     as_seen_px, drawn = offset_px, False
-    gel = None if pressed is None else pressed[0].in_mm(heights, USUAL_PART_MM if view.part is None else view.part.body_mm[2])
+    gel, turn_rad = None if pressed is None else pressed[0].in_mm(heights, _part_mm(view)), 0.0
     if pressed is not None and gel is not None and seen_px is not None:
         contact = contact_surface(gel, *pressed[1:], seen_px, pose.agree, on.weights, view.pitch_mm)
         fields["contact"] = None if gel.rough else contact
         lie = contact.lie()
+        turn_rad = contact.unsure_turn(_part_mm(view)) if lie is None or lie.bend is None else 0.0
         if lie is not None:
             if lie.bend is not None and lie.bend.on_flank:
                 return Localization(located=False, reason=_ON_FLANK, **fields), other
@@ -140,21 +141,26 @@ def accept_place(
         fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
     # by the heights of dots that are not corrected otherwise
     by_heights = None if drawn or unsure is None or fields["refined"] == "pixels" else by_maxima**2 * unsure
-    pose = _less_sure(pose, by_heights, drift_mm)
+    pose = _less_sure(pose, by_heights, drift_mm, turn_rad)
     return Localization(
         located=True, **fields, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)
     ), False
 
 
-def _less_sure(pose: Pose, unsure: FloatArray | None, drift_mm: float) -> Pose:
-    """The pose with more covariance: of what all dots err by alike, and of a drift of the tape's measured places.
+def _part_mm(view: View) -> float:
+    """Height of the tapes' parts; the usual one where they differ."""
+    return USUAL_PART_MM if view.part is None else view.part.body_mm[2]
+
+
+def _less_sure(pose: Pose, unsure: FloatArray | None, drift_mm: float, turn_rad: float) -> Pose:
+    """The pose with more covariance: of what all dots err by alike, of a drift of the tape's measured places, and of the turn.
 
     unsure (3, 3): Of u mm and v mm, along the image's axes, and theta rad.
     drift_mm: It moves the texture under all dots alike: it is in the position, not in the turn.
     """
-    if unsure is None and drift_mm == 0.0:
+    if unsure is None and drift_mm == turn_rad == 0.0:
         return pose
-    covariance = pose.covariance + np.diag([drift_mm**2, drift_mm**2, 0.0])
+    covariance = pose.covariance + np.diag([drift_mm**2, drift_mm**2, turn_rad**2])
     if unsure is not None:
         turn, c, s = np.eye(3), cos(pose.theta_rad), sin(pose.theta_rad)
         turn[:2, :2] = [[c, s], [-s, c]]  # R(theta) (paper, Eq. 12)

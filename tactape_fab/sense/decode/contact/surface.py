@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactape_fab.base.jit import kernel
-from tactape_fab.sense.decode.contact.bent import Bend
+from tactape_fab.sense.decode.contact.bent import Bend, unsure_turn
 from tactape_fab.sense.decode.contact.layer import force_on
 from tactape_fab.sense.decode.contact.plane import CROWN_ERROR, LEAST_BEND, MOST_CROWN, Plane, dome_of, fit_plane, level_of, terms
 from tactape_fab.sense.decode.dots.detect import coarseness
@@ -230,10 +230,19 @@ class ContactSurface:
         crown = (1.0 / crown_mm[0], 1.0 / crown_mm[1], 0.0)
         return bool(np.abs(plane.shown[3:] / plane.gain + crown).max() <= CROWN_ERROR)
 
+    @cached_property
+    def _curvatures_mm(self) -> FloatArray:
+        """Second derivatives of the tops, 1/mm, by a quick fit."""
+        (u, v), unit_mm = self.view.px_per_mm, self.view.unit_mm
+        return self.curvatures * (unit_mm * u * u, unit_mm * v * v, unit_mm * u * v)
+
+    def unsure_turn(self, part_mm: float) -> float:
+        """Standard deviation of the turn of a tape that is taken for flat and may be bent, rad; part_mm: height of its parts."""
+        return unsure_turn(float(self._curvatures_mm[2]), part_mm)
+
     def _maybe_bent(self) -> bool:
         """Whether the tops' curvature may be that of a tape round a cylinder, by a quick fit."""
-        (u, v), unit_mm, crown_mm = self.view.px_per_mm, self.view.unit_mm, self.view.gel.crown_mm
-        curvatures = self.curvatures * (unit_mm * u * u, unit_mm * v * v, unit_mm * u * v)
+        crown_mm, curvatures = self.view.gel.crown_mm, self._curvatures_mm
         if level_of(curvatures) is not None:
             return True
         if crown_mm is None:

@@ -54,7 +54,7 @@ def test_covariances_grow_by_the_factor_and_positions_stay(localizer: Localizer)
     fix, same = localizer.locate(low), localizer.locate(slight)
     assert fix.covariance is not None and same.covariance is not None and fix.strain_sigma and same.strain_sigma
     assert fix.position_mm == pytest.approx(same.position_mm, abs=1e-4)
-    assert fix.covariance == pytest.approx(CUT_VARIANCE * same.covariance, rel=0.05)
+    assert fix.covariance[:2, :2] == pytest.approx(CUT_VARIANCE * same.covariance[:2, :2], rel=0.05)
     assert fix.strain_sigma[0] == pytest.approx(np.sqrt(CUT_VARIANCE) * (same.strain_sigma[0] or 0.0), rel=0.05)
 
 
