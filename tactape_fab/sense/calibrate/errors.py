@@ -12,10 +12,12 @@ from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import minimize
 
 from tactape_fab.sense.calibrate.presses import Press
-from tactape_fab.sense.decode.grid.beliefs import RIM_MM
+from tactape_fab.sense.decode.grid.beliefs import rim_mm2
 from tactape_fab.texture.frames import FloatArray
 
 START_MM = 0.01
+LEAST_MM = 0.0005
+"""Least error of a full dot: where the rim's variance explains all residuals, as of middles between edges, none is likeliest."""
 STARTS = ((0.03, 3.0), (0.1, 6.0))
 """Initial values of a gel's displacement and its correlation length, mm, for the maximisation of the likelihood."""
 CORRELATIONS_MM = (1.0, 20.0)
@@ -42,8 +44,7 @@ def covariance(press: Press, errors: Errors, apart_mm2: FloatArray | None = None
 
     apart_mm2: Squared distances of the dots, if already computed.
     """
-    # the power 7/8 of the missing weight, squared
-    own = errors.dot_mm**2 / np.sqrt(press.weights) + RIM_MM**2 * (1.0 - press.weights) ** 1.75
+    own = errors.dot_mm**2 / np.sqrt(press.weights) + rim_mm2(press.weights, press.by_edges)
     if errors.gel_mm == 0.0:
         return np.diag(own)
     apart_mm2 = _apart_mm2(press) if apart_mm2 is None else apart_mm2
@@ -114,7 +115,7 @@ def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precis
 
 
 def _errors_of(z: FloatArray) -> Errors:
-    dot_mm = float(np.exp(z[0]))
+    dot_mm = max(float(np.exp(z[0])), LEAST_MM)
     if len(z) == 1:
         return Errors(dot_mm=dot_mm)
     # a gel moves 1 mm at most; a correlation length below the dots' pitch, or beyond the field, is not observable

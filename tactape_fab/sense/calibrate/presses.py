@@ -9,8 +9,7 @@ from math import radians
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.decode.dots.frame_dots import detected, squared
-from tactape_fab.sense.decode.dots.rim import settled
+from tactape_fab.sense.decode.dots.frame_dots import contact_dots, squared
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
 from tactape_fab.sense.decode.localizer import Localizer
@@ -36,7 +35,7 @@ class Press:
 
     frame: Its place among the frames.
     tape: Name of the tape.
-    seen_px (n, 2): Dots as detected, canonical image.
+    seen_px (n, 2): Dots as detected, canonical image, or the middles of their bodies.
     rim_mm (n, 2): Correction of dots at the rim, on the gel along u and v.
     texture_mm (n, 2): Positions of their parts: as built if the answer rests on those, else nominal.
     weights (n,): Height over that of a whole dot, times trust; at most 1.
@@ -46,6 +45,7 @@ class Press:
         `decode.grid.posterior`.
     theta_rad: The decoder's answer, to start from.
     fine: Whether centres come from the pixels (`refined`).
+    by_edges: How far dots are middles of bodies between their edges, from 0 to 1; see `Dots`.
     """
 
     frame: int
@@ -60,6 +60,7 @@ class Press:
     position_mm: tuple[float, float]
     theta_rad: float
     fine: bool = False
+    by_edges: float = 0.0
 
     def taken(self, which: BoolArray | IntArray) -> Press:
         """A copy with some of the dots; shifts by dots that are left out stay."""
@@ -93,8 +94,7 @@ def located(
 def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: SensorProfile) -> Press:
     """The press of a located frame's dots."""
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None and fix.tape is not None
-    seen = detected(frame, sensor)
-    dots = settled(seen, tape.pitch_mm * sensor.px_per_mm[0], tape.displacement_mm / tape.pitch_mm)
+    dots = contact_dots(frame, sensor, tape)
     assert dots.seen_px is not None and len(dots.weights) == len(fix.dots.uv_px)
     weights = np.minimum(dots.weights * dots.trust, 1.0)
     cells = fix.dots.cell
@@ -113,7 +113,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
         texture_mm = texture_mm + built.shift_mm[cells[:, 1], cells[:, 0]]
     theta = radians(fix.theta_deg)
     square = squared(dots.seen_px, sensor)
-    pushed, pulled = drawn(texture_mm, weights[used], theta)
+    pushed, pulled = drawn(texture_mm, weights[used], theta, dots.by_edges)
     return Press(
         frame=index,
         tape=fix.tape,
@@ -126,6 +126,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
         pulled=pulled,
         position_mm=fix.position_mm,
         theta_rad=theta,
+        by_edges=dots.by_edges,
     )
 
 

@@ -66,4 +66,5 @@ def _refined(fit: PixelFit, image: Frame, press: Press, part: TapePart) -> Press
         pushed=np.zeros((int(kept.sum()), 2)),
         pulled=(-low[:, None] * on_gel)[kept],
         fine=True,
+        by_edges=0.0,
     )

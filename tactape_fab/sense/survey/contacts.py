@@ -8,9 +8,8 @@ from math import radians
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.decode.dots.frame_dots import detected
-from tactape_fab.sense.decode.dots.rim import settled
-from tactape_fab.sense.decode.grid.beliefs import RIM_MM
+from tactape_fab.sense.decode.dots.frame_dots import contact_dots
+from tactape_fab.sense.decode.grid.beliefs import rim_mm2
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
 from tactape_fab.sense.decode.result import Localization
@@ -30,7 +29,7 @@ class SeenDots:
     """Dots with their parts.
 
     part (n,): Index of each dot's part in designator order.
-    seen_px (n, 2): Where the dots are seen, canonical image, those at the rim put back.
+    seen_px (n, 2): Where the dots are seen, canonical image, those at the rim put back, or middles of their bodies.
     own (n,): Variance of a dot over that of a whole one: 1 / sqrt(weight).
     rim_mm2 (n,): Variance that the contact's rim adds.
     pushed, pulled (n, 2): Shift of each by neighbours and by the rim, right and down, for a push and a pull of 1; see
@@ -85,8 +84,8 @@ def contact_of(
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None
     tape = ground.tape
     camera, scale = sensor.camera, sensor.px_per_mm[0]
-    # `settled` works in the image of a perfect camera with square pixels; afterwards dots go back to what this camera sees
-    dots = settled(detected(depth, sensor), tape.pitch_mm * scale, tape.displacement_mm / tape.pitch_mm)
+    # these are in the image of a perfect camera with square pixels; afterwards dots go back to what this camera sees
+    dots = contact_dots(depth, sensor, tape)
     back = dots.xy_px / scale + camera.from_px(sensor.centre_px)
     weights = np.minimum(dots.weights * dots.trust, 1.0)
     cells = fix.dots.cell
@@ -99,13 +98,13 @@ def contact_of(
     if len(part) < LEAST_DOTS or len(np.unique(part)) < len(part):
         return None
     theta = radians(fix.theta_deg)
-    pushed, pulled = drawn(built_mm[part], weights[used], theta)
+    pushed, pulled = drawn(built_mm[part], weights[used], theta, dots.by_edges)
     return Contact(
         frame=frame,
         part=part,
         seen_px=camera.to_px(back[used]),
         own=1.0 / np.sqrt(weights[used]),
-        rim_mm2=RIM_MM**2 * (1.0 - weights[used]) ** 1.75,
+        rim_mm2=rim_mm2(weights[used], dots.by_edges),
         pushed=pushed,
         pulled=pulled,
         start=np.array([*fix.position_mm, theta]),

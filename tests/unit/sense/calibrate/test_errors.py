@@ -11,6 +11,7 @@ import pytest
 from tactape_fab.sense.calibrate import errors as errors_module
 from tactape_fab.sense.calibrate.errors import (
     CORRELATIONS_MM,
+    LEAST_MM,
     Design,
     Errors,
     _errors_of,
@@ -22,7 +23,7 @@ from tactape_fab.sense.calibrate.errors import (
     whitening,
 )
 from tactape_fab.sense.calibrate.presses import Press
-from tactape_fab.sense.decode.grid.beliefs import RIM_MM
+from tactape_fab.sense.decode.grid.beliefs import RIM_AT_EDGES, RIM_MM
 from tactape_fab.texture.frames import FloatArray
 
 GRID_MM = 1.5 * np.array([(c, r) for r in range(5) for c in range(6)], dtype=float)
@@ -60,19 +61,28 @@ def design_of(rng: np.random.Generator, errors: Errors, low: float = 0.5) -> Des
     return Design(press=press, residual_mm=residual, shared=shared, own=own)
 
 
+@pytest.mark.parametrize("by_edges", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("errors", [Errors(dot_mm=0.02), Errors(dot_mm=0.01, gel_mm=0.05, correlation_mm=2.0)])
-def test_a_covariance_is_that_of_the_formulas(errors: Errors) -> None:
-    press = press_of(np.random.default_rng(1))
+def test_a_covariance_is_that_of_the_formulas(errors: Errors, by_edges: float) -> None:
+    press = replace(press_of(np.random.default_rng(1)), by_edges=by_edges)
+    of_rim = (1.0 - by_edges) + RIM_AT_EDGES * by_edges
     found = covariance(press, errors)
     for i, a in enumerate(GRID_MM):
         for j, b in enumerate(GRID_MM):
             want = errors.gel_mm**2 * np.exp(-((a - b) @ (a - b)) / (2.0 * errors.correlation_mm**2))
             if i == j:
                 weight = press.weights[i]
-                want += errors.dot_mm**2 / weight**0.5 + (RIM_MM * (1.0 - weight) ** 0.875) ** 2
+                want += errors.dot_mm**2 / weight**0.5 + (of_rim * RIM_MM * (1.0 - weight) ** 0.875) ** 2
             assert found[i, j] == pytest.approx(want, rel=1e-12, abs=1e-18)
     white = whitening(press, errors)
     assert white @ found @ white.T == pytest.approx(np.eye(len(found)), abs=1e-9)
+
+
+def test_dots_that_err_less_than_their_rim_says_still_err() -> None:
+    rng = np.random.default_rng(4)
+    designs = [design_of(rng, Errors(dot_mm=0.0), low=0.5) for _ in range(6)]
+    designs = [replace(design, residual_mm=0.2 * design.residual_mm) for design in designs]
+    assert estimate_errors(designs, np.eye(2), OWN_PRECISION).errors == Errors(dot_mm=LEAST_MM)
 
 
 def ln_likelihood(designs: list[Design], errors: Errors, precision: FloatArray) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactape_fab.sense import Scene, simulate
+from tactape_fab.sense import ElasticContact, Scene, simulate
 from tactape_fab.sense.calibrate.presses import interior, located
 from tests.measured import measured
 from tests.unit.sense.calibrate.sensors import TAPE, TRUE, off_mm, presses
@@ -31,6 +31,22 @@ def test_dots_of_a_press_are_at_the_parts_that_they_name() -> None:
         )
         moved = press.at(np.array([1.0, 2.0, 0.5, 9.0]))
         assert (moved.position_mm, moved.theta_rad, moved.frame) == ((1.0, 2.0), 0.5, press.frame)
+
+
+def test_dots_of_sharp_tops_are_middles_that_nothing_draws() -> None:
+    """By maxima they err by 19 um."""
+    pose = np.array([40.0, 24.0, 20.0])
+    scene = Scene(elastic=ElasticContact(force_n=2.0), slope_noise=0.032)
+    frame = simulate(TAPE, pose[:2].tolist(), pose[2], sensor=TRUE, scene=scene, seed=2)
+    ((press,), _), soft = located([frame], [TAPE], TRUE), located(presses().frames[:1], [TAPE], TRUE)[0][0]
+    off = off_mm(press, pose)
+    assert 0.9 < press.by_edges == press.taken(press.interior).by_edges and np.sqrt(np.mean(off**2)) < 0.008
+    # the correction of maxima at the rim is up to 0.1 mm
+    assert press.weights.min() < 0.5 and np.abs(press.rim_mm).max() < 0.01
+    # soft ones are maxima
+    assert soft.by_edges == 0.0
+    for name in ("pushed", "pulled"):
+        assert np.abs(getattr(press, name)).max() < 0.2 * np.abs(getattr(soft, name)).max()
 
 
 def test_dots_on_no_part_and_those_at_the_image_s_sides_do_not_count() -> None:

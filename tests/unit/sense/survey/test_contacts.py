@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from tactape_fab import Localization, Localizer
-from tactape_fab.sense import simulate
-from tactape_fab.sense.decode.dots.rim import settled
-from tactape_fab.sense.decode.grid.beliefs import RIM_MM
+from tactape_fab.sense import ElasticContact, Scene, simulate
+from tactape_fab.sense.decode.dots.frame_dots import contact_dots
+from tactape_fab.sense.decode.grid.beliefs import RIM_AT_EDGES, RIM_MM
+from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.grid.pose import LEAST_WEIGHT
 from tactape_fab.sense.decode.result import LocatedDots
 from tactape_fab.sense.survey import contacts
@@ -91,13 +92,39 @@ def test_dots_of_a_contact_are_at_the_parts_that_they_name(frame: int) -> None:
     assert len(contact.expected) == 0
 
 
+def test_dots_of_sharp_tops_are_middles_that_nothing_draws() -> None:
+    """By maxima they err by 19 um, and by twice as much at the rim."""
+    pose = np.array([40.0, 24.0, 20.0])
+    depth = simulate(
+        PRESSED,
+        pose[:2].tolist(),
+        pose[2],
+        sensor=TRUE,
+        scene=Scene(elastic=ElasticContact(force_n=2.0), slope_noise=0.032),
+        seed=2,
+    )
+    contact = contact_of(0, depth, Localizer(PRESSED, TRUE).locate(depth), GROUND, TRUE, GROUND.nominal_mm)
+    assert contact is not None and len(contact.part) > 40
+    theta = np.radians(pose[2])
+    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    on_gel = TRUE.camera.from_px(contact.seen_px) - TRUE.camera.from_px(TRUE.centre_px)
+    off = on_gel - (GROUND.nominal_mm[contact.part] - pose[:2]) @ turn.T
+    assert np.sqrt(np.mean(off**2)) < 0.008 and np.abs(off).max() < 0.025
+    # tops of 15 px/mm do not count in full
+    by_edges, weights = contact_dots(depth, TRUE, PRESSED).by_edges, contact.own**-2.0
+    of_rim = (1.0 - by_edges) * RIM_MM + by_edges * RIM_AT_EDGES * RIM_MM
+    assert 0.9 < by_edges < 1.0 and weights.min() < 0.5 and contact.rim_mm2 == pytest.approx(of_rim**2 * (1.0 - weights) ** 1.75)
+    shifts = drawn(GROUND.nominal_mm[contact.part], weights, contact.start[2], by_edges)
+    assert np.allclose(contact.pushed, shifts[0]) and np.allclose(contact.pulled, shifts[1])
+
+
 def test_dots_count_by_their_height_and_their_trust(monkeypatch: pytest.MonkeyPatch) -> None:
     """At the tape's left edge, whose parts are of column 0."""
     depth = simulate(PRESSED, (4.0, 20.0), 10.0, sensor=TRUE, contact_mm=(9.0, 8.0), seed=1)
     fix = Localizer(PRESSED, TRUE).locate(depth)
     assert fix.dots is not None and fix.located
     heights, trust = np.linspace(0.05, 1.6, len(fix.dots.cell)), np.tile((1.0, 0.8), len(fix.dots.cell))[: len(fix.dots.cell)]
-    monkeypatch.setattr(contacts, "settled", lambda *words: replace(settled(*words), weights=heights, trust=trust))
+    monkeypatch.setattr(contacts, "contact_dots", lambda *words: replace(contact_dots(*words), weights=heights, trust=trust))
     contact = contact_of(0, depth, fix, GROUND, TRUE, GROUND.nominal_mm)
     assert contact is not None
     weights = np.minimum(heights * trust, 1.0)

@@ -24,8 +24,12 @@ def test_adjustments_and_the_fit_of_one_frame_have_the_same_model() -> None:
     target, out = np.empty((2, len(texture_mm))), np.empty((2, 2, len(texture_mm)))
     middle = texture_mm.mean(axis=0).tolist()
     _drawn(texture_mm, texture_mm, weights, np.cos(theta), np.sin(theta), *middle, 0.0, 0.0, target, out)
-    pushed, pulled = drawn(texture_mm, weights, theta)
+    pushed, pulled = drawn(texture_mm, weights, theta, 0.0)
     assert np.allclose(pushed, out[0].T, rtol=0, atol=1e-12)
     assert np.allclose(pulled, out[1].T, rtol=0, atol=1e-12)
     assert np.abs(pushed[:30]).max() > 0.1 and np.abs(pulled).max() > 0.01
+    # what moves maxima moves middles between edges as far as these do not count
+    for by_edges, whole in zip((0.25, 1.0), (0.75, 0.0), strict=True):
+        less = drawn(texture_mm, weights, theta, by_edges)
+        assert np.allclose(less[0], whole * pushed) and np.allclose(less[1], whole * pulled)
     assert (np.abs(pushed[30::2]).max(axis=1) > 0.0).tolist() == [False, True, True, False]
