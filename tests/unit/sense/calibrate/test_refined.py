@@ -8,14 +8,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactape_fab.sense import calibrate_sensor
+from tactape_fab.base.blas import one_thread
+from tactape_fab.sense import ElasticContact, Scene, calibrate_sensor, simulate
+from tactape_fab.sense.calibrate.calibration import _adjusted
+from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES
 from tactape_fab.sense.calibrate.presses import Press, located
 from tactape_fab.sense.calibrate.refined import MOST_LOW, refined
 from tactape_fab.sense.calibrate.relief import find_relief
 from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
-from tests.thorough import only_thorough
+from tests.thorough import only_thorough, slow
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, off_mm, pressed, presses
 
 
@@ -66,6 +69,29 @@ def test_frames_that_show_no_such_part_keep_their_dots() -> None:
     found, _ = located(made.frames[:1], [TAPE], TRUE)
     noise = np.random.default_rng(0).standard_normal(made.frames[0].shape).astype(np.float32)
     assert refined([noise], found, TRUE, [TAPE]) == []
+
+
+def test_an_elastic_gel_s_calibration_rests_on_middles() -> None:
+    """Pixels that scatter as little as they do are drawn by the pressure all alike: scale and aspect were off by 3 sigma."""
+    rng, scene = np.random.default_rng(5), Scene(elastic=ElasticContact(force_n=2.0), slope_noise=0.032)
+    frames = []
+    for k in range(LEAST_PRESSES):
+        at, theta = rng.uniform((20.0, 15.0), (70.0, 33.0)).tolist(), float(rng.uniform(-180.0, 180.0))
+        frames.append(simulate(TAPE, at, theta, sensor=TRUE, scene=scene, seed=k))
+    with one_thread():
+        kept, bundle, *_ = _adjusted(frames, [TAPE], TRUE, [], lambda *_: None)
+    assert len(kept) == LEAST_PRESSES and not any(press.fine for press in kept)
+    off = bundle.values[:4] - (np.log(15.0), 0.03, 0.01, 0.03)
+    assert np.abs(off).max() < 10e-4 and (np.abs(off) < 2.0 * np.sqrt(np.diag(bundle.covariance)[:4])).all()
+
+
+@slow
+def test_pixels_that_are_far_surer_than_middles_count() -> None:
+    """Sharp tops of the imprint model are as the pixels' relief has them."""
+    made = pressed(TRUE, 8, 1, (5.0, 3.5), 20.0, elastomer_mm=0.06)
+    assert located(made.frames[:1], [TAPE], TRUE)[0][0].by_edges == 1.0
+    found = calibrate_sensor(made.frames, [TAPE], STOCK)
+    assert all(press.fine and press.by_edges == 0.0 for press in found.presses)
 
 
 @only_thorough
