@@ -97,21 +97,29 @@ def _spans(at: IntArray, level: IntArray, depth: int) -> list[tuple[int, int]]:
 def _around(data: bytes, spans: list[tuple[int, int]], inner: list[tuple[int, int, Tree]]) -> list[tuple[int, int, Tree]]:
     """Parse lists around their already parsed inner lists, both in file order."""
     found, k = [], 0
+    # most lists begin with the same words; between two lists and behind the last is mostly a blank, or nothing
+    known: dict[bytes, list[str]] = {}
     for begin, end in spans:
         words: list[str | Tree] = []
         at = begin + 1
         while k < len(inner) and inner[k][0] < end:
             first, after, tree = inner[k]
             if not (between := data[at:first]).isspace():
-                # the text between two lists is mostly a blank or a line end
-                words += _words(between)
+                if between not in known:
+                    known[between] = _words(between)
+                words += known[between]
             words.append(tree)
             at, k = after, k + 1
-        found.append((begin, end, (*words, *_words(data[at : end - 1]))))
+        if last := data[at : end - 1].strip():
+            words += _words(last)
+        found.append((begin, end, tuple(words)))
     return found
 
 
 def _words(text: bytes) -> list[str]:
+    """Words of a text without brackets outside quotes."""
+    if b'"' not in text:
+        return text.decode("ascii").split()
     return [_word(token) if token[0] == '"' else token for token in _TOKEN.findall(text.decode("utf-8"))]
 
 

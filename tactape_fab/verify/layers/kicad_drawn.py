@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,6 @@ from tactape_fab.base.fields import shown as quoted
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.kit.read.gerber_file import GerberContent, GerberShapes, ReadbackError
 from tactape_fab.kit.read.s_expression import Quoted, Tree
-from tactape_fab.texture.cpl import written_with
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tape
@@ -41,6 +41,7 @@ _OF_A_CLASS = ("clearance", "track_width", "via_diameter", "via_drill")
 _SEVERITIES: tuple[dict[str, str], ...] = ({}, {"track_dangling": "ignore"})
 _PLOTTED = {"F.Paste", "F.SilkS", "F.Mask", "Edge.Cuts"}
 _VERSION = ("20211014",)
+_NUMBER = re.compile(r"[-.0-9]*")
 _LINE_MM = 0.05
 """Width of the lines of outlines, bodies and courtyards."""
 _NOT_PLACED = ("exclude_from_pos_files", "exclude_from_bom")
@@ -153,7 +154,7 @@ def values(tree: Sequence[str | Tree], name: str) -> list[float]:
 
 def number(word: str) -> float:
     """A number of KiCad or of a DXF. Python's float takes 3_1.15 for one as well, of which others read the 3."""
-    if not written_with(word, "-.0123456789"):
+    if _NUMBER.fullmatch(word) is None:
         raise ValueError(f"{quoted(word)} stands where a number should")
     return float(word)
 

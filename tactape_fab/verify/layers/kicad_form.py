@@ -66,15 +66,16 @@ def refuse_malformed(tree: Tree, known: Mapping[str, Sequence[str]]) -> None:
         if not inner or isinstance(inner[0], tuple):
             raise ReadbackError(f"a list without a name stands in {_way_to(around)}")
         name = _ROW if around and around[-1][0] == "layers" else inner[0]
-        words = next((k for k, item in enumerate(inner[1:]) if isinstance(item, tuple)), len(inner) - 1)
+        lists = [item for item in inner if isinstance(item, tuple)]
+        words = inner.index(lists[0]) - 1 if lists else len(inner) - 1
         if (usual := _WORDS.get(name)) is not None and words not in usual:
             said = f"{counted(words, 'word', 'words')}, not {' or '.join(map(str, usual))}"
             raise ReadbackError(f"{_way_to((*around, inner))} begins with {said}")
         _refuse_others(str(name), inner, words, (*around, inner))
         inside = known.get(inner[0])
-        for item in inner:
+        for item in lists:
             # equal lists of the file are one object
-            if isinstance(item, tuple) and id(item) not in seen:
+            if id(item) not in seen:
                 seen.add(id(item))
                 if inside is None or not item or isinstance(item[0], tuple) or item[0] in inside:
                     left.append((item, (*around, inner)))
@@ -85,8 +86,9 @@ def _refuse_others(name: str, tree: Tree, words: int, way: Sequence[Tree]) -> No
 
     words: How many come before the first list.
     """
-    if name in _WORDS and name not in _OF_MANY:
-        often = Counter(item if isinstance(item, str) else item[:1] for item in tree[1 + words :])
+    rest = tree[1 + words :]
+    if rest and name in _WORDS and name not in _OF_MANY:
+        often = Counter([item if isinstance(item, str) else item[:1] for item in rest])
         for what, count in often.items():
             found = what if isinstance(what, str) else "".join(map(str, what))
             # a list without a name is refused when it is looked at itself
