@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactape_fab import Localization, Localizer
-from tactape_fab.sense import LocatedDots, SensorProfile, load_sensor, simulate
+from tactape_fab import Localization, Localizer, Motion
+from tactape_fab.sense import ElasticContact, LocatedDots, SensorProfile, load_sensor, simulate
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.simulation.parts import parts_of, scattered
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.sense.track.change import LEAST_COMMON, Change, change_between
+from tactape_fab.sense.track.motion import pose_of, slip_of
 from tests.contacts import TAPE, dots
 
 SENSOR = load_sensor("gelsight-mini")
@@ -101,3 +102,18 @@ def test_a_gel_that_is_sheared_unevenly_shows(localizer: Localizer) -> None:
         covariance = change.strain_covariance + 0.002**2 * np.eye(3)
         bent.append(np.sqrt(change.strain @ np.linalg.solve(covariance, change.strain)))
     assert (np.array(bent) > 4.0).sum() >= 5
+
+
+@pytest.mark.parametrize("tilt_deg", [7.0, 10.0])
+def test_a_contact_that_tilts_does_not_move(tilt_deg: float) -> None:
+    """Tops lean and are drawn by tens of micrometres, which its answers put right; and it is no shear of the gel."""
+    localizer, truth = Localizer([TAPE], SENSOR), ((30.0, 20.0), 30.0)
+    flat, tilted = (
+        localizer.locate(simulate(TAPE, *truth, seed=k, elastic=ElasticContact(force_n=4.0, tilt_deg=(k * tilt_deg, 0.0))))
+        for k in (0, 1)
+    )
+    change = known(flat, tilted)
+    assert np.hypot(*change.shift[:2]) < 0.012
+    motion = Motion()
+    slip = slip_of(pose_of(tilted, 1.0), pose_of(flat, 0.0), pose_of(flat, 0.0), motion, change)  # type: ignore[arg-type]
+    assert not slip.detected and slip.cause is None
