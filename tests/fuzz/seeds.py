@@ -92,7 +92,7 @@ def _texts() -> dict[str, bytes]:
     found["spec.toml"] = b"sector = 7\npitch_mm = 1.5\nsize_mm = [60.0, 30.0]\nholes_mm = [[40.0, 10.0, 1.0]]\n"
     found["list.toml"] = b'size_mm = [60.0, 30.0]\n[[tapes]]\nsector = 3\nname = "a"\n[[tapes]]\nsector = 4\ntag_id = 4\n'
     pose = b"position_mm = [0.0, 0.0, 10.0]\nrpy_deg = [0.0, 0.0, 90.0]\n"
-    found["object.toml"] = b'name = "cup"\n[[tapes]]\nkit = "kit"\nsurface = "plane"\n' + pose
+    found["object.toml"] = b'name = "cup"\n[[tapes]]\nkit = "kit"\nsurface = "plane"\nsigma_mm = 0.2\nsigma_deg = 0.3\n' + pose
     found["placements.csv"] = _placements()
     return found
 

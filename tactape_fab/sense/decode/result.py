@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.base.given_value import refuse_other
-from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance, texture_plane
+from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance, texture_plane, with_more
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -68,6 +68,9 @@ class OnObject(Protocol):
 
     def surface_of(self, fix: Localization) -> Surface | None:
         """Where texture points of a fix's tape are on the object; None where that tape is not on it."""
+
+    def mount_covariance(self, fix: Localization, at_mm: FloatArray) -> FloatArray | None:
+        """What the error of that tape's mount adds to `covariance6` of a pose at a point (3,), mm; None where it is exact."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -265,8 +268,8 @@ class Localization:
         ndarray, shape (6, 6), or None
             The turns about x and y have infinite variance where `tilt_deg` is None, and so have those axes of an object about
             which they turn. z has in the board and the texture frame where the origin is on the tape: nothing is said of the
-            sensor's distance. In an object's frame that origin is a point of the tape, and certain along its normal. None where
-            `transform` is None, or the method states no covariance.
+            sensor's distance. In an object's frame that origin is a point of the tape, and as certain along its normal as the
+            tape's mount, whose error is in all entries. None where `transform` is None, or the method states no covariance.
 
         Raises
         ------
@@ -284,6 +287,8 @@ class Localization:
             out[np.ix_(PLANAR, PLANAR)] = state[1][:3, :3] * np.outer(signs, signs)
             return out
         out = pose_covariance(surface, state[0], state[1])
+        if on is not None:
+            out = with_more(out, on.mount_covariance(self, image_pose(surface, state[0])[:3, 3]))
         if origin == "tape" and frame != "object":
             out[2], out[:, 2] = 0.0, 0.0
             out[2, 2] = inf

@@ -49,6 +49,14 @@ def _upright(rise_u: float, rise_v: float) -> FloatArray:
     )
 
 
+def with_more(covariance: FloatArray, more: FloatArray | None) -> FloatArray:
+    """The sum of two covariances (6, 6); what has infinite variance in the first keeps it, and has no covariances."""
+    if more is None:
+        return covariance
+    known = np.isfinite(covariance.diagonal())
+    return covariance + np.where(known[:, None] & known, more, 0.0)
+
+
 def pose_covariance(surface: Surface, state: FloatArray, covariance: FloatArray) -> FloatArray:
     """Covariance of `image_pose`, shape (6, 6): of its origin in mm, then of small turns about the surface's axes x, y, z in rad.
 

@@ -47,11 +47,14 @@ class Mount:
         Cylinder only: radius of the film's neutral layer, whose length does not change, mm.
     around : {"x", "y"}
         Cylinder only: the board axis along the circumference.
+    covariance : ndarray, shape (6, 6), or None
+        Of the mount's error: of `position_mm`, mm, then of small turns about the object's axes, rad. None: it is exact.
 
     Raises
     ------
     SpecError
-        If the rotation is none, or a value has another shape, or is no word or radius of these.
+        If the rotation is none, the covariance has a negative variance, or a value has another shape, or is no word or radius of
+        these.
     """
 
     surface: SurfaceKind
@@ -60,6 +63,7 @@ class Mount:
     top_mm: float = 0.0
     true_mm: float = 0.0
     around: Around = "x"
+    covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         refuse_other(self.surface, str, "mount.surface", "surface", " or ".join(SURFACES))
@@ -73,6 +77,12 @@ class Mount:
             table.text("around", choices=AROUND)
             table.number("top_mm", above=0.0)
             table.number("true_mm", above=0.0)
+        if self.covariance is not None:
+            remedy = "a covariance (6, 6), mm and rad"
+            covariance = as_numbers(self.covariance, (6, 6), "mount.covariance", remedy)
+            if not is_covariance(covariance):
+                table.problem("covariance", f"covariance = {shown(covariance.tolist())} is none; give {remedy}")
+            object.__setattr__(self, "covariance", covariance)
         refuse(table.problems)
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "position_mm", position_mm)
@@ -91,7 +101,8 @@ class ObjectPose:
     rotation : (float, float, float, float)
         Quaternion (x, y, z, w) of the image's frame in the object frame: x along u, y along v, z into the object.
     covariance : ndarray, shape (6, 6), or None
-        Of the position, mm, then of small turns about the object's x, y and z axes, rad, as `Localization.covariance6` has it.
+        Of the position, mm, then of small turns about the object's x, y and z axes, rad, as `Localization.covariance6` has it:
+        the mount's error is in it, where that is known.
     """
 
     object: str
@@ -111,6 +122,14 @@ class ObjectPose:
         out[:3, :3] = from_quaternion(self.rotation)
         out[:3, 3] = self.position_mm
         return out
+
+
+def is_covariance(matrix: FloatArray) -> bool:
+    """Whether a square matrix is symmetric, and no variance along any direction is negative."""
+    scale = np.sqrt(np.abs(matrix.diagonal()))
+    # mm and rad differ in size: held against their own standard deviations
+    scaled = matrix / np.outer(scale, scale).clip(1e-300)
+    return bool(np.allclose(scaled, scaled.T) and np.linalg.eigvalsh(scaled)[0] > -1e-9)
 
 
 def on_surface(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

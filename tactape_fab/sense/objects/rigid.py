@@ -55,3 +55,33 @@ def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, Fl
     translation: FloatArray = to_middle - rotation @ middle
     left = points @ rotation.T + translation - to_points
     return rotation, translation, float(np.sqrt((left * left).sum(axis=1).mean()))
+
+
+def fit_covariance(points: FloatArray, about_mm: FloatArray, rms: float) -> FloatArray:
+    """Covariance of `fit_rigid`'s transform by errors of the points, as large along every axis as its residuals tell.
+
+    points (n, 3): Four and more, where they were fitted to.
+    about_mm (3,): Point whose shift is meant.
+    rms: As `fit_rigid` returns it.
+    Returns (6, 6): Of that point's shift, mm, then of small turns about the axes, rad.
+    """
+    rates = np.concatenate([_lever(point - about_mm) for point in points])
+    # the mean of the variance's posterior, a t distribution's covariance: 3 n coordinates, six of them fitted, two for the mean
+    variance = rms**2 * len(points) / (3 * len(points) - 8)
+    return np.asarray(variance * np.linalg.inv(rates.T @ rates))
+
+
+def carried(covariance: FloatArray, by_mm: FloatArray) -> FloatArray:
+    """Covariance of a body's small motion for another of its points, (6, 6) as `fit_covariance` has it.
+
+    by_mm (3,): From the first point to the other.
+    """
+    motion = np.eye(6)
+    motion[:3] = _lever(by_mm)
+    return np.asarray(motion @ covariance @ motion.T)
+
+
+def _lever(by_mm: FloatArray) -> FloatArray:
+    """Shift of a point by the shift of another and small turns, (3, 6): t + w x d = t - [d] w, with [d] the matrix of d x."""
+    x, y, z = by_mm.tolist()
+    return np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]])

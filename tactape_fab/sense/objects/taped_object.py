@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, pi
+from math import ceil, pi, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError, refuse
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.templates import read_toml
 from tactape_fab.sense.decode.result import Localization, refuse_no_answer, state_of, tape_named
-from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
+from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance, with_more
 from tactape_fab.sense.geometry import from_quaternion
 from tactape_fab.sense.objects.mount import (
     AROUND,
@@ -27,7 +29,7 @@ from tactape_fab.sense.objects.mount import (
     texture_surface,
     to_object,
 )
-from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
+from tactape_fab.sense.objects.rigid import carried, fit_covariance, fit_rigid, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import find_manifest, read_manifest
@@ -40,7 +42,9 @@ LARGEST_RADIUS_MM = 10_000.0
 MISFIT_SHARE = 0.15
 """Largest rms error of measured tag corners, as a fraction of the tag's side."""
 _POSES = ("rpy_deg", "quaternion_xyzw", "tag_corners_mm")
-_KEYS = ("kit", "surface", "position_mm", *_POSES, "radius_mm", "under_mm", "around")
+_SIGMAS = {"sigma_mm": (10.0, "mm"), "sigma_deg": (10.0, "deg")}
+"""Largest standard deviation of a mount along an axis, and about one, and its unit."""
+_KEYS = ("kit", "surface", "position_mm", *_POSES, *_SIGMAS, "radius_mm", "under_mm", "around")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,7 +91,9 @@ class TapedObject:
         if surface is None or state is None:
             return None
         pose = image_pose(surface, state[0])
-        covariance = None if state[1] is None else pose_covariance(surface, state[0], state[1])
+        covariance = None
+        if state[1] is not None:
+            covariance = with_more(pose_covariance(surface, state[0], state[1]), self.mount_covariance(fix, pose[:3, 3]))
         x, y, z = pose[:3, 3].tolist()
         return ObjectPose(object=self.name, position_mm=(x, y, z), rotation=to_quaternion(pose[:3, :3]), covariance=covariance)
 
@@ -104,14 +110,36 @@ class TapedObject:
             From a texture point (2,), mm, to its place in the object's frame (3,), mm, and the texture's axes there, (3, 3):
             columns along x, along y, and into the object. None as of `locate`.
         """
+        entry = self._entry(fix)
+        return None if entry is None else texture_surface(entry.mount, entry.tape)
+
+    def mount_covariance(self, fix: Localization, at_mm: npt.ArrayLike) -> FloatArray | None:
+        """What the mount's error of a fix's tape adds to the covariance of a pose: the same for all fixes on that tape.
+
+        Parameters
+        ----------
+        fix : Localization
+        at_mm : array_like, shape (3,)
+            Origin of the pose in the object's frame, mm.
+
+        Returns
+        -------
+        ndarray, shape (6, 6), or None
+            Of that point, mm, then of small turns about the object's axes, rad. None where the mount counts as exact, and as of
+            `locate`.
+        """
+        entry = self._entry(fix)
+        if entry is None or entry.mount.covariance is None:
+            return None
+        return carried(entry.mount.covariance, as_numbers(at_mm, (3,), "at_mm", "x, y and z in mm") - entry.mount.position_mm)
+
+    def _entry(self, fix: Localization) -> TapeOnObject | None:
+        """The tape of a fix, if it is located and on the object."""
         refuse_no_answer(fix)
         if not fix.located or None in (fix.index, fix.cell, fix.position_mm, fix.theta_deg):
             return None
         named = tape_named(fix)
-        for entry in self.tapes:
-            if named == _place(entry.tape):
-                return texture_surface(entry.mount, entry.tape)
-        return None
+        return next((entry for entry in self.tapes if named == _place(entry.tape)), None)
 
 
 def read_object(path: str | Path) -> TapedObject:
@@ -216,6 +244,7 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
         named = " and ".join(given) or "none"
         table.problem("rpy_deg", f"{' or '.join(_POSES)} says how the film lies, but given is {named}; give one of them")
     turn, position = _read_pose(table, given)
+    spread = _read_sigmas(table)
     corners = _read_corners(table) if given == ["tag_corners_mm"] else None
     kit = folder / table.text("kit", longest=4096, pattern="(?s).+", remedy="give the folder of a kit")
     # an empty one would be the folder of this file
@@ -235,9 +264,12 @@ def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -
         top_mm=radius + under + thickness,
         true_mm=radius + under + thickness / 2,
         around="y" if around == "y" else "x",
+        covariance=spread,
     )
     if printed is not None:
-        mount = replace(printed, rotation=turn @ printed.rotation, position_mm=turn @ printed.position_mm + position)
+        middle_mm = turn @ printed.position_mm  # of the model, from the point whose position is given
+        moved = None if spread is None else carried(spread, middle_mm)
+        mount = replace(printed, rotation=turn @ printed.rotation, position_mm=middle_mm + position, covariance=moved)
     elif surface == "cylinder" and not _goes_round(mount, tape, radius, table):
         return None
     if corners is None:
@@ -282,6 +314,19 @@ def _read_pose(table: Fields, given: list[str]) -> tuple[np.ndarray, np.ndarray]
     return turn, position
 
 
+def _read_sigmas(table: Fields) -> FloatArray | None:
+    """Covariance of a mount by its standard deviations, (6, 6) as `Mount` has it; None where none is given."""
+    given = [key for key in _SIGMAS if key in table.values]
+    if not given:
+        return None
+    if "tag_corners_mm" in table.values:
+        message = f"{given[0]} is of a pose that is given; tag_corners_mm tell their error themselves: leave it out"
+        table.problem(given[0], message)
+        return None
+    shift, turn = (table.number(key, low=0.0, high=most, unit=unit, default=0.0) for key, (most, unit) in _SIGMAS.items())
+    return np.diag(np.repeat([shift**2, radians(turn) ** 2], 3))
+
+
 def _read_corners(table: Fields) -> np.ndarray:
     rows = table.rows("tag_corners_mm", longest=4)
     named = Fields({f"tag_corners_mm[{i}]": row for i, row in enumerate(rows)}, table.where, table.problems)
@@ -321,11 +366,14 @@ def _measured(kit: Path, tape: Tape, mount: Mount, corners: np.ndarray, table: F
     if tape.tag is None:
         table.problem("tag_corners_mm", f"tag_corners_mm: {shown_path(kit)} carries no tag; give position_mm and rpy_deg")
         return None
-    rotation, position, misfit = fit_rigid(on_surface(mount, tag_corners_mm(tape))[0], corners)
+    on_tag = on_surface(mount, tag_corners_mm(tape))[0]
+    rotation, position, misfit = fit_rigid(on_tag, corners)
     most = MISFIT_SHARE * tag_side_mm(tape)
     if not misfit <= most:
         message = f"the corners are {misfit:.2f} mm (rms) off those of a tag of {tag_side_mm(tape):g} mm, more than {most:.2f} mm"
         remedy = "give mm, from the upright tag's lower left corner, counter-clockwise"
         table.problem("tag_corners_mm", f"tag_corners_mm: {message}; {remedy}")
         return None
-    return TapeOnObject(kit=kit, tape=tape, mount=replace(mount, rotation=rotation, position_mm=position), misfit_mm=misfit)
+    spread = fit_covariance(on_tag @ rotation.T + position, position, misfit)
+    placed = replace(mount, rotation=rotation, position_mm=position, covariance=spread)
+    return TapeOnObject(kit=kit, tape=tape, mount=placed, misfit_mm=misfit)

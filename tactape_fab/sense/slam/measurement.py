@@ -143,7 +143,8 @@ def measure_pose(
 ) -> PoseMeasurement | None:
     """A located answer as a measurement of the sensor's pose.
 
-    Errors of answers on the same parts have those parts' placement errors in common, and so are not quite independent.
+    Errors of answers on the same parts have those parts' placement errors in common, and so are not quite independent. Those on
+    one tape of an object have its mount's: where that counts, take answers in the board frame, and the tape's pose as a variable.
 
     Parameters
     ----------
@@ -178,12 +179,26 @@ def measure_pose(
     of_state = np.zeros((6, 6))
     of_state[np.ix_(known, known)] = np.linalg.inv(covariance[np.ix_(known, known)])
     here, motion = _motion(surface, state[0])
+    mounted = None if on is None else on.mount_covariance(fix, here[:3, 3])
     here[:3, 3] *= _MM_TO_M
     # the error of the state is motion^-1 times that of the pose
     back = np.linalg.inv(motion)
     information = back.T @ of_state @ back
+    if mounted is not None:
+        # A and B: (A^-1 + B)^-1 = (1 + A B)^-1 A, also where A is singular
+        information = np.linalg.solve(np.eye(6) + information @ _in_own_frame(mounted, here[:3, :3]), information)
     # rounding leaves it not quite symmetric, and solvers look at one half
     return PoseMeasurement(pose=base @ here, information=(information + information.T) / 2)
+
+
+def _in_own_frame(covariance: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Covariance of a pose's small motion in its own frame, (6, 6), turns in rad, then shifts in m.
+
+    covariance (6, 6): Of its shift in mm, then its turns, along the axes that `rotation` turns its own to.
+    """
+    out, turn = np.zeros((6, 6)), rotation.T
+    out[:3, 3:], out[3:, :3] = turn, _MM_TO_M * turn
+    return np.asarray(out @ covariance @ out.T)
 
 
 def _motion(surface: Surface, state: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,6 +14,7 @@ from tactape_fab import Localization, SpecError, Tape, texture_to_board
 from tactape_fab.sense import LocatedDots, Mount, sensor_on_object
 from tactape_fab.sense.decode.result import SOLID_DOTS, state_of, status_of, surface_of
 from tactape_fab.sense.decode.space import Surface, pose_covariance, texture_plane
+from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE
 
 COVARIANCE = np.array([(4e-4, 1e-4, -2e-5), (1e-4, 9e-4, 3e-5), (-2e-5, 3e-5, 1e-5)])
@@ -244,6 +245,9 @@ def test_an_object_is_asked_where_the_tape_is_and_nothing_of_it_is_certain_but_a
         def surface_of(self, fix: Localization) -> Surface | None:
             asked.append(fix)
             return texture_plane
+
+        def mount_covariance(self, fix: Localization, at_mm: FloatArray) -> FloatArray | None:
+            return None
 
     cup = Cup()
     assert surface_of(TOUCHED, "object", cup) is texture_plane and asked == [TOUCHED]

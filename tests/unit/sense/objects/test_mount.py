@@ -33,6 +33,9 @@ def mount(**more: Any) -> Mount:
         ({"surface": "cylinder", "top_mm": 16.0}, "true_mm"),
         (ROUND | {"true_mm": -16.0}, "true_mm"),
         (ROUND | {"around": "z"}, "around"),
+        ({"covariance": np.eye(3)}, "covariance"),
+        ({"covariance": np.diag([1.0, 1.0, 1.0, 1.0, 1.0, -1.0])}, "covariance = .* is none; give a covariance"),
+        ({"covariance": np.triu(np.ones((6, 6)))}, "covariance = .* is none; give a covariance"),
     ],
 )
 def test_a_mount_that_is_none_is_refused(more: dict[str, Any], says: str) -> None:

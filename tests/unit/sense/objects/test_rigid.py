@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense.geometry import from_quaternion
 from tactape_fab.sense.objects.mount import Mount
-from tactape_fab.sense.objects.rigid import fit_rigid, from_rpy, to_quaternion
+from tactape_fab.sense.objects.rigid import carried, fit_covariance, fit_rigid, from_rpy, to_quaternion
 from tactape_fab.texture.frames import FloatArray
 
 RNG = np.random.default_rng(5)
@@ -50,3 +50,23 @@ def test_points_are_fitted_by_a_rotation_never_by_a_reflection(flat: bool) -> No
 def test_a_mount_takes_no_reflection_and_no_scale(matrix: FloatArray) -> None:
     with pytest.raises(SpecError, match=r"is no rotation; give a rotation matrix \(3, 3\)"):
         Mount(surface="plane", rotation=matrix, position_mm=np.zeros(3))
+
+
+def test_the_covariance_of_a_fit_is_that_of_fits_to_points_with_errors() -> None:
+    """Over its own estimate of the points' errors, the squared error of a fit to four corners is 1 for each degree of freedom."""
+    square, about_mm = 8.0 * np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) + [20.0, 4.0, 0.0], np.zeros(3)
+    squares = []
+    for _ in range(1500):
+        turned, shift, rms = fit_rigid(square, square + RNG.normal(0.0, 0.05, square.shape))
+        error = np.array([*shift, *Rotation.from_matrix(turned).as_rotvec()])
+        squares.append(error @ np.linalg.solve(fit_covariance(square, about_mm, rms), error) / 6)
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_covariance_is_carried_to_another_point_of_the_body() -> None:
+    root = np.linalg.cholesky(np.diag([0.2, 0.1, 0.3, 0.01, 0.02, 0.01]) ** 2 + 1e-5)
+    motions = RNG.normal(size=(20_000, 6)) @ root.T
+    by_mm = np.array([30.0, -5.0, 12.0])
+    moved = np.column_stack([motions[:, :3] + np.cross(motions[:, 3:], by_mm), motions[:, 3:]])
+    found = carried(root @ root.T, by_mm)
+    assert np.cov(np.linalg.solve(np.linalg.cholesky(found), moved.T)) == pytest.approx(np.eye(6), abs=0.05)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactape_fab import Kit, Localization, TapeSpec, make_kit, read_object
+from tactape_fab import Kit, Localization, Tape, TapeSpec, make_kit, read_object
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
 from tactape_fab.cli.options import named_object
@@ -185,6 +185,48 @@ def test_measured_corners_place_a_tape(small_kit: Kit, tmp_path: Path, surface: 
     assert to_object(entry.mount, [(20, 15)])[0] == pytest.approx(to_object(mount, [(20, 15)])[0], abs=1e-6)
 
 
+def test_errors_of_measured_corners_are_in_a_pose_s_covariance(small_kit: Kit, tmp_path: Path) -> None:
+    """A tenth of a millimetre in the corners of a tag of 4 mm is more than that away from it, and was in no covariance."""
+    rng, squares, tape = np.random.default_rng(2), [], small_kit.tape
+    fix, at_mm = on_tape(tape, (6.0, 9.0)), sensor_on_object("box", PLANE, tape, (6.0, 9.0), 33.0).position_mm
+    true = to_object(PLANE, tag_corners_mm(tape))[0]
+    for _ in range(60):
+        corners = true + rng.normal(0.0, 0.05, (4, 3))
+        thing = read_object(write(tmp_path, small_kit, f'surface = "plane"\ntag_corners_mm = {corners.tolist()}'))
+        there = thing.locate(fix)
+        assert there is not None and there.covariance is not None
+        assert fix.covariance6("object", on=thing) == pytest.approx(there.covariance)
+        error = np.subtract(there.position_mm, at_mm)
+        squares.append(error @ np.linalg.solve(there.covariance[:3, :3], error) / 3)
+    assert 0.4 < np.mean(squares) < 1.8
+
+
+def on_tape(tape: Tape, position_mm: tuple[float, float]) -> Localization:
+    index = (tape.origin[0] + 3, tape.origin[1] + 4)
+    named: dict[str, Any] = {"tape": tape.name, "sector": tape.sector, "index": index, "cell": (3, 4)}
+    covariance = np.diag([0.001, 0.001, 0.001]) ** 2
+    return Localization(status="solid", located=True, position_mm=position_mm, theta_deg=33.0, covariance=covariance, **named)
+
+
+@pytest.mark.parametrize("printed", [False, True])
+def test_a_mount_s_own_errors_turn_about_its_given_position(printed: bool, small_kit: Kit, tmp_path: Path) -> None:
+    kit = small_kit
+    if printed:
+        spec = TapeSpec(sector=7, part="block", size_mm=(26.0, 24.0), cylinder_mm=20.0)
+        kit = make_kit(spec, tmp_path / "round", verify=False)
+    fix = on_tape(kit.tape, (6.0, 9.0))
+    exact = read_object(write(tmp_path, kit, FLAT)).locate(fix)
+    there = read_object(write(tmp_path, kit, f"{FLAT}\nsigma_mm = 0.2\nsigma_deg = 1.0")).locate(fix)
+    assert exact is not None and there is not None and exact.covariance is not None and there.covariance is not None
+    added = there.covariance[:3, :3] - exact.covariance[:3, :3]
+    arm = np.subtract(there.position_mm, (1.0, 2.0, 3.0))
+    # turns of one size about all axes move a point along both directions across its arm
+    expected = 0.2**2 * np.eye(3) + radians(1.0) ** 2 * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    assert added == pytest.approx(expected, abs=1e-9)
+    infinite = np.isinf(exact.covariance.diagonal())
+    assert (np.isinf(there.covariance.diagonal()) == infinite).all() and not there.covariance[infinite][:, ~infinite].any()
+
+
 def test_corners_in_metres_or_out_of_order_are_no_tag(small_kit: Kit, tmp_path: Path) -> None:
     corners: FloatArray = to_object(PLANE, tag_corners_mm(small_kit.tape))[0]
     for wrong in (corners / 1000, corners[[0, 2, 1, 3]]):
@@ -229,7 +271,8 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
         '[[tapes]]\nsurface = "cylinder"\nradius_mm = -1\nunder_mm = 100.1\nquaternion_xyzw = [1, 1, 0, 0]\n'
         '[[tapes]]\nsurface = "cylinder"\nradius_mm = 10001\nunder_mm = -1\n'
         "position_mm = [10001, 0, 0]\nrpy_deg = [0, 0, 360.1]\n"
-        "[[tapes]]\ntag_corners_mm = [[0, 0, 10001], [0, 1, nan], [1, 1]]\nposition_mm = [0, 0, 0]\n[tape]"
+        "sigma_mm = 10.1\nsigma_deg = -1\n"
+        "[[tapes]]\ntag_corners_mm = [[0, 0, 10001], [0, 1, nan], [1, 1]]\nposition_mm = [0, 0, 0]\nsigma_mm = 0.1\n[tape]"
     )
     with pytest.raises(SpecError) as caught:
         read_object(write(tmp_path, small_kit, entry, more))
@@ -252,6 +295,9 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
         "tapes[3].under_mm = -1 mm is below 0",
         "tapes[3].position_mm[0] = 10001 mm exceeds 10000",
         "tapes[3].rpy_deg[2] = 360.1 deg exceeds 360",
+        "tapes[3].sigma_mm = 10.1 mm exceeds 10",
+        "tapes[3].sigma_deg = -1 deg is below 0",
+        "tapes[4].sigma_mm is of a pose that is given; tag_corners_mm tell their error themselves: leave it out",
         "tapes[4].tag_corners_mm[0][2] = 10001 mm exceeds 10000",
         "tapes[4].tag_corners_mm[1][2] = nan mm is not a finite number",
         "tapes[4].tag_corners_mm[2] = [1, 1] is not 3 numbers",

@@ -207,3 +207,22 @@ def test_roots_of_singular_information() -> None:
     assert root.T @ root == pytest.approx(information, rel=1e-9, abs=1e-9 * information.max())
     bare = PoseMeasurement(pose=np.eye(4), information=np.zeros((6, 6)))
     assert (bare.noise_model().R() == 0).all()
+
+
+@pytest.mark.parametrize("origin", ["tape", "gel"])
+def test_a_mount_s_error_is_in_the_information(origin: str) -> None:
+    """As the covariance in the object's frame has it, turned into the sensor's own."""
+    spread = np.diag([0.2, 0.1, 0.3, 0.01, 0.02, 0.01]) ** 2
+    fix, on = real_fix(), placed(replace(ROUND, covariance=spread))
+    found = measure_pose(fix, "object", on=on, origin=origin)
+    covariance = fix.covariance6("object", on=on, origin=origin)
+    assert found is not None and covariance is not None
+    turn = found.pose[:3, :3]
+    # GTSAM's order, turns first, in the sensor's own axes and in metres
+    own = np.zeros((6, 6))
+    own[:3, 3:], own[3:, :3] = turn.T, 1e-3 * turn.T
+    expected = own @ covariance @ own.T
+    seen = [0, 1, 2, 3, 4] if origin == "tape" else [0, 1, 2, 3, 4, 5]  # of that origin nothing is said along the sensor's axis
+    information = np.linalg.inv(expected[np.ix_(seen, seen)])
+    scale = np.sqrt(np.outer(information.diagonal(), information.diagonal()))
+    assert found.information[np.ix_(seen, seen)] / scale == pytest.approx(information / scale, abs=1e-6)
