@@ -26,6 +26,8 @@ CAMERA_SHARE = 0.005
 
 CORRECTION_SHARE = 0.25
 """Error, as a share, of what the answers' corrections by tilt, bend and rim change a change by: `tilted.DRAWN_ERROR`."""
+STRAIN_SHARE = 0.2
+"""The same of a strain: all of one that answers take off is 5 standard deviations, less than `Motion.slip_sigmas`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,11 +77,11 @@ def change_between(old: Localization, new: Localization, sensor: SensorProfile) 
     rates[:, 0, 5] = y
     keep = _moved_as_one(rates[..., :3], left)
     rates, left, as_seen = rates[keep], left[keep], as_seen[keep]
-    # answers have taken off a part of a shear, too, so that of flat tapes it is told from what is seen; under a tilt that is
-    # foreshortened, and its tops are drawn together
-    shape = as_seen if _lies_flat(old) and _lies_flat(new) else left
     # the rigid fit gives the pose's change; scale, aspect and shear would absorb part of it, and are fitted apart, to be reported
-    (moved, spread), (bent, bent_spread) = _solved(rates[..., :3], left), _solved(rates, shape)
+    (moved, spread), (bent, bent_spread) = _solved(rates[..., :3], left), _solved(rates, as_seen)
+    # answers have taken off a part of a shear, too, so that it is told from what is seen: as far as that is not what a tilt or a
+    # force does
+    not_bent = STRAIN_SHARE * (bent - _solved(rates, left)[0])[3:]
     put_right = CORRECTION_SHARE * (moved - _solved(rates[..., :3], as_seen)[0])
     spread = spread + np.outer(put_right, put_right)
     # t at the image centre from that at the dots' middle
@@ -96,7 +98,7 @@ def change_between(old: Localization, new: Localization, sensor: SensorProfile) 
         shift=shift,
         covariance=out @ spread @ out.T + np.diag([share_mm**2, share_mm**2, share_rad**2]),
         strain=bent[3:],
-        strain_covariance=bent_spread[3:, 3:] + share_rad**2 * np.eye(3),
+        strain_covariance=bent_spread[3:, 3:] + np.outer(not_bent, not_bent) + share_rad**2 * np.eye(3),
         dots=int(keep.sum()),
     )
 
@@ -137,11 +139,6 @@ def _camera(sensor: SensorProfile, *fixes: Localization) -> FloatArray:
     along, down = 1.0 + 0.5 * aspect, 1.0 - 0.5 * aspect
     # inverse of [[along, shear], [0, down]] times the scale
     return np.array([[1.0 / along, -shear / (along * down)], [0.0, 1.0 / down]]) / scale
-
-
-def _lies_flat(fix: Localization) -> bool:
-    """Whether the depths show neither a tilt nor a bend; also where they tell neither."""
-    return fix.contact is None or fix.contact.lie() is None
 
 
 def _on_gel(uv_px: FloatArray, undo: FloatArray, sensor: SensorProfile) -> FloatArray:

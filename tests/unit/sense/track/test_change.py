@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactape_fab import Localization, Localizer, Motion
+from tactape_fab import Localization, Localizer, Motion, TapeSpec
+from tactape_fab.kit.plan import plan
+from tactape_fab.kit.profiles import load_fab, load_part
 from tactape_fab.sense import ElasticContact, LocatedDots, SensorProfile, load_sensor, simulate
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.simulation.parts import parts_of, scattered
@@ -116,4 +118,17 @@ def test_a_contact_that_tilts_does_not_move(tilt_deg: float) -> None:
     assert np.hypot(*change.shift[:2]) < 0.012
     motion = Motion()
     slip = slip_of(pose_of(tilted, 1.0), pose_of(flat, 0.0), pose_of(flat, 0.0), motion, change)  # type: ignore[arg-type]
+    assert not slip.detected and slip.cause is None
+
+
+def test_a_firmer_press_shears_nothing() -> None:
+    """Tops of long parts are drawn by the pressure, by percents of the image's size."""
+    tape = plan(TapeSpec(sector=7, pitch_mm=2.2, displacement_mm=0.3), load_fab("generic-fpc"), load_part("r0402"))
+    localizer = Localizer([tape], SENSOR)
+    soft, firm = (
+        localizer.locate(simulate(tape, (40.0, 22.0), 0.0, seed=k, elastic=ElasticContact(force_n=force_n)))
+        for k, force_n in enumerate((1.0, 12.0))
+    )
+    change = known(soft, firm)
+    slip = slip_of(pose_of(firm, 1.0), pose_of(soft, 0.0), pose_of(soft, 0.0), Motion(), change)  # type: ignore[arg-type]
     assert not slip.detected and slip.cause is None
