@@ -128,17 +128,17 @@ def accept_place(
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
-    if reading.q is not None:
-        args = (dots, reading.q, place.turn, on.cells, on.inside, offset_px, built_mm, pose, view)
-        fields["dots"] = LazyDots(partial(located_dots, *args))
-    fields |= {**strain_of(pose, view), "refined": "dots"}
-    if isinstance(place, Place):
-        fields["places"] = "as-built" if place.as_built else "nominal"
+    on_places = ("as-built" if place.as_built else "nominal") if isinstance(place, Place) else None
+    fields |= {"refined": "dots", "places": on_places}
     if pixels is not None:
         rest = (None if tape is None else tape.part, offset_px, built_mm, pose, placed_mm)
         # the pixels are where the gel shows them: dots that were moved to where a flat tape would show them have no others
         pose, fields["refine_reason"] = refine(pixels, view, *rest) if offset_px is as_seen_px else (pose, _TILTED)
         fields["refined"] = "pixels" if fields["refine_reason"] is None else "dots"
+    fields |= strain_of(pose, view)
+    if reading.q is not None:
+        args = (dots, reading.q, place.turn, on.cells, on.inside, offset_px, built_mm, pose, view)
+        fields["dots"] = LazyDots(partial(located_dots, *args))
     # by the heights of dots that are not corrected otherwise
     by_heights = None if drawn or unsure is None or fields["refined"] == "pixels" else by_maxima**2 * unsure
     pose = _less_sure(pose, by_heights, drift_mm, turn_rad)

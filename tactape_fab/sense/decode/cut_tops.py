@@ -17,7 +17,7 @@ depths, 0.006 have it (simulated contacts, imprinted and elastic)."""
 CUT_VARIANCE = 2.0
 """Factor on the variances of a pose from such tops: what is left of them errs by more than its scatter tells. Without it, 5 to
 15 % of frames cut at the quantiles 0.85 to 0.99 have errors that 5 % should have.
-`python -m tests.bench.nees --only "cut off"` measures it."""
+`python -m tests.bench.nees` measures it, in its rows of depths that are cut off."""
 
 
 def cut_share(image: Image) -> float:

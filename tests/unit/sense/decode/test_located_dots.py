@@ -382,3 +382,14 @@ def test_dots_not_yet_computed_can_be_replaced() -> None:
     assert changed.inlier.all() and changed.uv_px.tolist() == SEEN.tolist()
     with pytest.raises(TypeError, match="cells"):
         replace(lazy, cells=SEEN)  # type: ignore[call-arg]
+
+
+def test_residuals_are_those_of_the_answer_that_pixels_refined() -> None:
+    """They were those of the pose by dots, beside a position by pixels."""
+    frame = simulate(TAPE, *POSE)
+    by_dots, by_pixels = (Localizer([TAPE], refine=refine).locate(frame) for refine in ("dots", "pixels"))
+    assert by_pixels.refined == "pixels" and by_dots.position_mm != by_pixels.position_mm
+    moved = np.subtract(by_pixels.position_mm or np.nan, by_dots.position_mm or np.nan)
+    residuals = [dots_of(fix).residual_mm[dots_of(fix).inlier].mean(axis=0) for fix in (by_dots, by_pixels)]
+    # near the image centre, where the turn moves nothing, all places move with the answer's
+    assert residuals[1] - residuals[0] == pytest.approx(moved, abs=0.2 * np.abs(moved).max())
