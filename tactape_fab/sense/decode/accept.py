@@ -103,7 +103,7 @@ def accept_place(
     offset_px = on.offset_px + by_maxima * shift_px
     built_mm, placed_mm, drift_mm = _built_at(world, place, on)
     # before the decision: how many dots agree is a part of it
-    pose = fit_pose(offset_px, built_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
+    pose = fit_pose(offset_px, built_mm, on.weights, view.px_per_mm, view.beliefs, by_edges=dots.by_edges, placed_mm=placed_mm)
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **fields), other
     fields["n_agree"] = agree = int(np.count_nonzero(pose.agree))

@@ -15,7 +15,7 @@ RIM_MM = 0.09
 """Standard deviation of a dot's error by the contact's rim at a missing weight of 1; it grows with the power 7/8 of the missing
 weight: 5 um at 0.04, 27 um at 0.25 and 57 um at 0.6, as measured."""
 RIM_AT_EDGES = 0.5
-"""Share of `RIM_MM` that a dot in the middle between the edges of its top errs by, for adjustments of many frames. Of 0201 and
+"""Share of `RIM_MM` that a dot in the middle between the edges of its top errs by. Of 0201 and
 0402 it is 0.1 to 0.3 in the elastic simulator under 0.5 to 10 N; in the imprint model with a blur of 0.06 and 0.08 mm, whose rims
 are steep, 0.4 to 0.8, and up to 1 where a fifth of the weight is missing."""
 USUAL_MM, USUAL_ERRORS = 0.006, 1.0
@@ -62,11 +62,15 @@ class Beliefs:
     lean: tuple[float, float] = (0.0, 0.0)
 
 
+def rim_mm(by_edges: float) -> float:
+    """Standard deviation of a dot's error by the contact's rim at a missing weight of 1; `by_edges` is that of `Dots`."""
+    return RIM_MM * (1.0 - (1.0 - RIM_AT_EDGES) * by_edges)
+
+
 def rim_mm2(weights: FloatArray, by_edges: float) -> FloatArray:
-    """Variance along an axis that the contact's rim adds to dots of some weights, shape (n,); `by_edges` is that of `Dots`."""
-    share = 1.0 - (1.0 - RIM_AT_EDGES) * by_edges
+    """Variance along an axis that the contact's rim adds to dots of some weights, shape (n,)."""
     # the power 7/8 of the missing weight, squared
-    return np.asarray((share * RIM_MM) ** 2 * (1.0 - weights) ** 1.75)
+    return np.asarray(rim_mm(by_edges) ** 2 * (1.0 - weights) ** 1.75)
 
 
 def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool, part: TapePart | None = None) -> Beliefs:

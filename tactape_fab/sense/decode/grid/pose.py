@@ -61,6 +61,7 @@ def fit_pose(
     *,
     least_sigma_mm: float = LEAST_SIGMA_MM,
     smoothed: bool = True,
+    by_edges: float = 0.0,
     placed_mm: FloatArray | None = None,
     unsure_px: FloatArray | None = None,
 ) -> Pose:
@@ -77,7 +78,7 @@ def fit_pose(
     weights (n,)
     px_per_mm: The sensor profile's scale.
     least_sigma_mm: Lower limit of the robust fit's estimate of a dot's error along an axis.
-    smoothed: As for `posterior`.
+    smoothed, by_edges: As for `posterior`.
     placed_mm (n,): Standard deviation of each part's measured position; None if unknown, and then part of a dot's own error.
     unsure_px (n, 2): As `unsure_mm` of `posterior`, in px.
     """
@@ -95,7 +96,16 @@ def fit_pose(
     placed_mm2 = None if placed_mm is None else placed_mm.take(used) ** 2
     unsure_mm = None if unsure_px is None else unsure_px.take(used, 0) / px_per_mm
     at, covariance, sigma, seen_by, fitted = posterior(
-        seen_mm, mm.take(used, 0), kept, px_per_mm, fit, beliefs, smoothed=smoothed, placed_mm2=placed_mm2, unsure_mm=unsure_mm
+        seen_mm,
+        mm.take(used, 0),
+        kept,
+        px_per_mm,
+        fit,
+        beliefs,
+        smoothed=smoothed,
+        by_edges=by_edges,
+        placed_mm2=placed_mm2,
+        unsure_mm=unsure_mm,
     )
     theta, ln_scale = at[2:].tolist()
     return Pose(

@@ -22,10 +22,10 @@ from tactape_fab.sense.decode.grid.beliefs import (
     PUSH_MM,
     PUSH_REACH_MM,
     PUSH_SIGMA_MM,
-    RIM_MM,
     USUAL_ERRORS,
     USUAL_MM,
     Beliefs,
+    rim_mm,
 )
 from tactape_fab.texture.frames import FloatArray
 
@@ -100,6 +100,7 @@ def posterior(
     beliefs: Beliefs,
     *,
     smoothed: bool,
+    by_edges: float,
     placed_mm2: FloatArray | None,
     unsure_mm: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray, Fitted | None]:
@@ -115,6 +116,7 @@ def posterior(
     fit (7,): The robust fit to start from: cos / R, sin / R, centroids of the pixels and of the texture points, a dot's error.
     smoothed: Whether positions are maxima of a smoothed image, which neighbours and the rim shift; otherwise a dot's own error
         has the variance sigma^2 / weight, and only the gel's displacement is added.
+    by_edges: `Dots.by_edges`: middles between edges err less by the rim.
     placed_mm2 (n,): Known variance of each part's position, to be added.
     unsure_mm (n, 2): Common shift of the dots along the image's axes per unit of one unknown factor of mean 0 and variance 1; it
         replaces the rim's pull.
@@ -145,7 +147,7 @@ def posterior(
     # dots in one place do not observe the rotation, and the normal matrix would be singular
     if not (squares < inf and apart > ONE_PLACE * squares):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan), None
-    rim_mm2 = RIM_MM**2
+    rim_mm2 = rim_mm(by_edges) ** 2
     # `_summed` takes sigma^2 / sqrt(weight): of squared weights that is sigma^2 / weight, the law of centres by least squares
     if not smoothed:
         weights, rim_mm2 = weights**2, 0.0

@@ -299,6 +299,7 @@ def asked(
     heights: FloatArray | None = None,
     border_mm: FloatArray | None = None,
     view: View = VIEW,
+    by_maxima: float = 1.0,
 ) -> tuple[Pose, FloatArray, bool]:
     """The tilted pose of dots on a grid, whole and far from the border where nothing else is said."""
     ones, offset_px = np.ones(len(at_mm)), at_mm * R
@@ -312,6 +313,7 @@ def asked(
         ones if heights is None else heights,
         9.0 * ones if border_mm is None else border_mm,
         view,
+        by_maxima,
     )
 
 
@@ -380,6 +382,22 @@ def test_low_dots_of_a_tilted_contact_are_believed_more_and_those_at_the_border_
     if border_mm > 1.0:
         asked(lie_of(HALF_WAY), weights=weight * ones)
         assert fits.weights[-1] == pytest.approx((believed + weight) / 2 * ones)
+
+
+@pytest.mark.parametrize(("curvature", "drawn_mm"), [(-0.1, 0.0013), (0.05, 0.00065), (None, 0.0)])
+def test_middles_on_a_bent_tape_are_drawn_by_the_curvature(
+    curvature: float | None, drawn_mm: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.13 mm^2 times a relative slope of the pressure of 0.1/mm along u, and times the curvature: towards the pressure."""
+    fits = Fits(monkeypatch)
+    monkeypatch.setattr(tilted, "_relative_slopes", lambda heights, at_mm: np.tile((0.1, 0.0), (len(heights), 1)))
+    bend = None if curvature is None else replace(BEND, curvature=curvature, along=0.0)
+    lie = lie_of(STEEP, bend=bend)
+    asked(lie, by_maxima=0.0)
+    monkeypatch.setattr(tilted, "EDGES_DRAWN", 0.0)
+    asked(lie, by_maxima=0.0)
+    assert fits.unsure[0] == pytest.approx(0.25 * np.tile((drawn_mm * R, 0.0), (len(GRID_MM), 1)))
+    assert (fits.places[0] - fits.places[1])[:, 0].mean() == pytest.approx(-drawn_mm * R, rel=0.2, abs=1e-9)
 
 
 def test_a_long_part_s_own_draw_is_put_back_before_that_of_the_tilt_is_taken_off(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -382,6 +382,15 @@ def test_what_measured_places_are_unsure_by_is_each_dot_s_own() -> None:
     assert pose.covariance[:2, :2] == pytest.approx(0.05**2 / n * np.eye(2), rel=0.05, abs=1e-8)
 
 
+def test_middles_between_edges_err_half_as_much_by_the_rim() -> None:
+    """Exact dots of half a weight: all the error is the rim's."""
+    weights = np.full(len(SPARSE), 0.5)
+    fits = [fit_pose(SPARSE * R, PLACE + SPARSE @ turn_of(THETA).T, weights, R, EXACT, by_edges=by).fitted for by in (0.0, 1.0)]
+    by_maxima, by_edges = (fit.errors_mm2 for fit in fits if fit is not None)
+    assert by_maxima == pytest.approx(RIM_MM**2 * 0.5**1.75, rel=0.1)
+    assert by_edges == pytest.approx(by_maxima / 4.0, rel=0.1)
+
+
 # Places that nothing draws
 
 
