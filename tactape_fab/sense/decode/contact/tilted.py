@@ -35,9 +35,9 @@ MOST_DRAWN, FLAT_MOST = 0.13, (0.4, -0.162)
 """Largest such shift, over length and width: tops of 0201 come near to 0.08 mm from a relative slope of 0.5/mm on. From 0.6 mm on
 it is a share of the side, and mm: longer tops are drawn until near their ends."""
 EDGES_DRAWN = 0.13
-"""The same of middles between edges on a bent tape: mm^2 for a relative slope of 1/mm and a curvature of 1/mm. Tops lean outwards
-with the tape, and under light forces the gel leaves them on that side first: round 10 to 60 mm, with 0.5 to 5 N, they are up to
-25 um inside, as far as slopes of the pressure times the curvature say (elastic simulator, seed 1)."""
+"""The same of middles between edges on a bent tape, mm^3, over a relative slope of the pressure and a curvature, both 1/mm. Tops
+lean outwards with the tape, and under light forces the gel leaves them on that side first: round 10 to 60 mm, with 0.5 to 5 N,
+they are up to 25 um inside, as far as slopes of the pressure times the curvature say (elastic simulator, seed 1)."""
 USUAL_BODY_MM = (0.45, 0.45)
 """Length and width, mm, assumed for an unknown part, whose direction is unknown too."""
 TWIST = 0.02

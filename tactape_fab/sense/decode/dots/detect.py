@@ -40,7 +40,7 @@ class Dots:
     seen_px (n, 2): Detected position in the canonical image, before any correction; None if equal to `xy_px`.
     small: The image they were detected in: `averaged` over `coarseness` pixels.
     high: The band-passed `small`, whose local maxima they are.
-    by_edges: How far `xy_px` are middles of bodies between their edges (`middles`), which no pressure moves, from 0 to 1.
+    by_edges: How far `xy_px` are middles of bodies between their edges (`middles`), which pressure hardly moves, from 0 to 1.
     """
 
     xy_px: FloatArray

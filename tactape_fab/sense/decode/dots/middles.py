@@ -1,4 +1,4 @@
-"""Middles of long bodies, between the edges of their tops, which no pressure moves.
+"""Middles of long bodies, between the edges of their tops, which pressure hardly moves.
 
 Where a gel follows bodies closely, their tops are level, and the maximum of a band-pass is where the pressure is highest: in the
 elastic simulator, under 0.5 to 10 N, 0.17 to 0.22 mm from the middle of an 0402, most of a displacement, and 0.02 to 0.04 mm from

@@ -388,7 +388,7 @@ def test_low_dots_of_a_tilted_contact_are_believed_more_and_those_at_the_border_
 def test_middles_on_a_bent_tape_are_drawn_by_the_curvature(
     curvature: float | None, drawn_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """0.13 mm^2 times a relative slope of the pressure of 0.1/mm along u, and times the curvature: towards the pressure."""
+    """0.13 mm^3 times a relative slope of the pressure of 0.1/mm along u, and times the curvature: towards the pressure."""
     fits = Fits(monkeypatch)
     monkeypatch.setattr(tilted, "_relative_slopes", lambda heights, at_mm: np.tile((0.1, 0.0), (len(heights), 1)))
     bend = None if curvature is None else replace(BEND, curvature=curvature, along=0.0)
