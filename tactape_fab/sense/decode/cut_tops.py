@@ -29,17 +29,16 @@ def cut_share(image: Image) -> float:
     return share if CUT_SHARE <= share <= FLAT_SHARE else 0.0
 
 
-def cut_reason(image: Image) -> str:
-    """The reason, with its remedy, for the canonical image (h, w) of such tops."""
-    share = float(np.count_nonzero(image == image.max())) / image.size
-    return (
-        f"{100 * share:.2g} % of the pixels have the largest depth: if tops are cut off there, write depths with a larger range"
-    )
+def as_cut(fix: Localization, image: Image) -> Localization:
+    """An answer from such tops: less sure where it is located, otherwise with a reason that says so, and a remedy.
 
-
-def less_sure(fix: Localization) -> Localization:
-    """A located answer from such tops."""
-    assert fix.strain_sigma is not None
+    image (h, w): The canonical depth map.
+    """
+    if not fix.located:
+        share = float(np.count_nonzero(image == image.max())) / image.size
+        of_pixels = f"{100 * share:.2g} % of the pixels have the largest depth"
+        return replace(fix, reason=f"{fix.reason}; {of_pixels}: if tops are cut off there, write depths with a larger range")
+    if fix.covariance is None or fix.strain_sigma is None:  # the paper's method states none
+        return fix
     aspect, shear = (None if sigma is None else sqrt(CUT_VARIANCE) * sigma for sigma in fix.strain_sigma[:2])
-    covariance = None if fix.covariance is None else CUT_VARIANCE * fix.covariance
-    return replace(fix, covariance=covariance, strain_sigma=(aspect, shear, None))
+    return replace(fix, covariance=CUT_VARIANCE * fix.covariance, strain_sigma=(aspect, shear, None))

@@ -21,7 +21,7 @@ from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.templates import DEFAULT_SENSOR
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.contact.surface import contact_view
-from tactape_fab.sense.decode.cut_tops import cut_reason, cut_share, less_sure
+from tactape_fab.sense.decode.cut_tops import as_cut, cut_share
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_depths, dot_numbers
@@ -295,8 +295,13 @@ class Localizer:
         image, as_came = canonical_depths(depth, self.sensor)
         if self._method == "paper":
             found = self._by_paper(image)
+            cut = cut_share(image) > 0.0
         else:
-            found = self._from_frame(self._square.dots(image), prior, image, as_came)
+            dots = self._square.dots(image)
+            cut = dots.small is not None and cut_share(dots.small) > 0.0
+            found = self._locate(dots, prior, image, in_mm=as_came and not cut)
+        if cut and found.n_dots > 0:
+            found = as_cut(found, image)
         return _stamped(found, start, timestamp)
 
     def locate_dots(
@@ -386,14 +391,6 @@ class Localizer:
         differ = [world.tapes[i] for i in world.boards_differ] if isinstance(world, Registry) else []
         board_mm = None if any((t.name, t.sector) == (found.tape, found.sector) for t in differ) else found.board_mm
         return replace(found, places="nominal", board_mm=board_mm) if found.located else found
-
-    def _from_frame(self, dots: Dots, prior: Prior | None, image: Image, in_mm: bool) -> Localization:
-        """The answer of a frame's dots; where tops are cut off, less sure and without contact, or with a reason that says so."""
-        cut = dots.small is not None and cut_share(dots.small) > 0.0
-        found = self._locate(dots, prior, image, in_mm=in_mm and not cut)
-        if not cut or found.n_dots == 0:
-            return found
-        return less_sure(found) if found.located else replace(found, reason=f"{found.reason}; {cut_reason(image)}")
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None, *, in_mm: bool = True) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)

@@ -10,7 +10,7 @@ import pytest
 
 from tactape_fab import Localizer
 from tactape_fab.sense import ElasticContact, Scene, simulate
-from tactape_fab.sense.decode.cut_tops import CUT_VARIANCE, cut_share
+from tactape_fab.sense.decode.cut_tops import CUT_VARIANCE, as_cut, cut_share
 from tests.contacts import POSE, TAPE, is_near
 
 Image = npt.NDArray[np.float32]
@@ -44,6 +44,14 @@ def test_a_located_frame_is_less_sure_and_shows_no_depth(localizer: Localizer) -
     assert whole.indentation_mm is not None and whole.force_n is not None
     assert fix.located and is_near(fix, *POSE, mm=0.1, deg=0.5)
     assert all(said is None for said in (fix.contact, fix.tilt_deg, fix.indentation_mm, fix.force_n))
+
+
+def test_the_paper_s_method_says_so_as_well() -> None:
+    """It states no covariance."""
+    frame, by_paper = simulate(TAPE, *POSE), Localizer([TAPE], method="paper")
+    whole = by_paper.locate(frame)
+    assert whole.located and as_cut(whole, frame) is whole
+    assert "15 % of the pixels have the largest depth" in str(by_paper.locate(cut(frame, 0.85)).reason)
 
 
 def test_covariances_grow_by_the_factor_and_positions_stay(localizer: Localizer) -> None:
