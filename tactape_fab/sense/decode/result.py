@@ -70,7 +70,7 @@ class OnObject(Protocol):
         """Where texture points of a fix's tape are on the object; None where that tape is not on it."""
 
     def mount_covariance(self, fix: Localization, at_mm: FloatArray) -> FloatArray | None:
-        """What the error of that tape's mount adds to `covariance6` of a pose at a point (3,), mm; None where it is exact."""
+        """Covariance that the error of that tape's mount adds to `covariance6` of a pose at a point (3,), mm; None: exact."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
