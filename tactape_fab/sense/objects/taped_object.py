@@ -114,7 +114,7 @@ class TapedObject:
         return None if entry is None else texture_surface(entry.mount, entry.tape)
 
     def mount_covariance(self, fix: Localization, at_mm: npt.ArrayLike) -> FloatArray | None:
-        """What the mount's error of a fix's tape adds to the covariance of a pose: the same for all fixes on that tape.
+        """Covariance of a pose by the error of its tape's mount: the same error for all fixes on that tape.
 
         Parameters
         ----------
