@@ -13,7 +13,7 @@ from math import ceil
 from shlex import quote
 
 from tactape_fab.base.errors import Finding, SpecError
-from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.examine.tape import rules_of_parts
 from tactape_fab.kit.film.anchors import Placing
 from tactape_fab.kit.film.coverlay import worst_box_gap_mm
 from tactape_fab.kit.profiles import (
@@ -186,11 +186,11 @@ def judged(design: Design, *, widen: bool = True) -> Design | None:
 def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | None:
     """Broken rules of a tape of the design; None if there is no such tape."""
     try:
-        found = examine(design.spec(size_mm, tag="none", name="t")).findings
+        found = rules_of_parts(design.spec(size_mm, tag="none", name="t"))
     except SpecError:
         return None
     if not design.points_in.usual and design.shape == "block" and design.process is not None:
-        found = tuple(_gap_of_eight(design, load_process(design.process)) if f.rule == "gap" else f for f in found)
+        found = [_gap_of_eight(design, load_process(design.process)) if f.rule == "gap" else f for f in found]
     return [f for f in found if not f.passed and f.level != "info" and f.rule not in _OF_ANY_TAPE]
 
 
@@ -202,5 +202,5 @@ def _gap_of_eight(design: Design, process: ProcessProfile) -> Finding:
     return finding(process, "gap", (gap_mm, None), "gap between two elements", "use a larger --w")
 
 
-_OF_ANY_TAPE = ("size", "windows", "part-count", "label", "assembly-size")
+_OF_ANY_TAPE = ("size", "part-count", "label", "assembly-size")
 """Rules about a board or an order, which do not depend on W, Δ and part."""

@@ -150,6 +150,7 @@ class Signal:
     pull_mm: float
 
 
+@lru_cache(maxsize=64)
 def signal_of(seen: Seen) -> Signal:
     """Height of a top, rms of the noise around it, and its displacement by noise along one axis, after the decoder's smoothing.
 
@@ -286,6 +287,7 @@ def _placed_mm(seen: Seen, signal: Signal) -> float:
     return hypot(seen.placement_mm, signal.pull_mm)
 
 
+@lru_cache(maxsize=64)  # codes are compared by the same contacts of a design, one after the other
 def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Evidence of each pose's dots in nats: total (p,), by axis (p, 2), number of dots (p,), and by shape for the turn (p,)."""
     symbols, _, _, errors, _ = _drawn(seen.directions)

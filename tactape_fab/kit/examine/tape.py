@@ -167,19 +167,7 @@ def examine(
         sector = tried(lambda: _free_sector(spec, profiles, avoid), problems)
         if sector is not None:
             return examine({**asked, "sector": sector}, avoid=avoid, output=output, overwrite=overwrite)
-    planned, tape, search = _planned(spec, profiles, avoid, problems)
-    if tape is None:
-        raise refusal(problems)
-    # rules measured on other elements than those asked for do not apply to the tape
-    measurable = {problem.root for problem in problems}.isdisjoint(ELEMENT_KEYS)
-    resized, rounded = planned.size_mm != spec.size_mm, planned.corner_radius_mm != spec.corner_radius_mm
-    elsewhere = {*(("size", *OF_ASSEMBLY) if resized else ()), *(("corner-radius",) if rounded else ())}
-    spec = planned
-    film, findings = _measured(spec, tape, profiles, problems, resized=resized)
-    if problems:
-        # places on a substitute board mean nothing, so at_mm is left out, as are rules that are those of its outline
-        broken = [replace(f, at_mm=None) for f in findings if f.blocks and measurable and f.rule not in elsewhere]
-        raise refusal(problems, broken)
+    spec, tape, search, film, findings = _with_rules(spec, profiles, avoid, problems)
     certificate, searched = certify(tape), search is not None
     findings += _beside(spec, tape, profiles, avoid)
     return Examined(
@@ -192,6 +180,36 @@ def examine(
         search=search,
         avoided=tuple(t.name for t in avoid),
     )
+
+
+def rules_of_parts(spec: TapeSpec) -> list[Finding]:
+    """Every rule that `examine` measures on parts, layers and models: not those of the texture, whose search takes half of it.
+
+    Raises SpecError where `examine` does.
+    """
+    return _with_rules(spec, profiles_of(spec), (), [])[-1]
+
+
+def _with_rules(
+    spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape], problems: list[Problem]
+) -> tuple[TapeSpec, Tape, Choice | None, Film | None, list[Finding]]:
+    """The spec with its origin, the tape, the search for the origin, the film, and the rules of its parts.
+
+    Raises SpecError with `problems` and those found here, and with the broken rules whose values were not refused.
+    """
+    planned, tape, search = _planned(spec, profiles, avoid, problems)
+    if tape is None:
+        raise refusal(problems)
+    # rules measured on other elements than those asked for do not apply to the tape
+    measurable = {problem.root for problem in problems}.isdisjoint(ELEMENT_KEYS)
+    resized, rounded = planned.size_mm != spec.size_mm, planned.corner_radius_mm != spec.corner_radius_mm
+    elsewhere = {*(("size", *OF_ASSEMBLY) if resized else ()), *(("corner-radius",) if rounded else ())}
+    film, findings = _measured(planned, tape, profiles, problems, resized=resized)
+    if problems:
+        # places on a substitute board mean nothing, so at_mm is left out, as are rules that are those of its outline
+        broken = [replace(f, at_mm=None) for f in findings if f.blocks and measurable and f.rule not in elsewhere]
+        raise refusal(problems, broken)
+    return planned, tape, search, film, findings
 
 
 # Values and profiles

@@ -17,7 +17,7 @@ from tactape_fab.advise.designs import rules_of, usual_design
 from tactape_fab.base.errors import CapacityError, Problem, ReachProblem, SpecError, refusal
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.order import examine_order
-from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.examine.tape import Examined, examine, rules_of_parts
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.texture.touch import designed
 from tests.thorough import slow, some
@@ -281,6 +281,31 @@ def test_no_rule_is_told_of_a_substitute_s_outline(here: Path) -> None:
         refusal = refusal_of({**values, **more})
         assert {finding.rule for finding in refusal.findings} & of_outline == kept
         assert "body-body" in {finding.rule for finding in refusal.findings}
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"coverlay": "gang"},
+        {"pitch_mm": 1.0, "displacement_mm": 0.15},
+        {"part": "dome", "process": "sla", "pitch_mm": 0.95, "displacement_mm": 0.15},
+        {"origin": (3, 3)},
+        {"code": "anoto-6x6", "size_mm": (200.0, 100.0)},
+    ],
+    ids=str,
+)
+def test_rules_of_parts_are_all_but_those_of_the_texture(values: dict[str, Any]) -> None:
+    spec = TapeSpec(sector=7, **values)
+    found = examine(spec).findings
+    assert rules_of_parts(spec) == [f for f in found if f.rule not in ("windows", "origin")]
+    assert len({f.rule for f in found}) > 4
+
+
+def test_rules_of_parts_refuse_what_cannot_be_made() -> None:
+    spec = TapeSpec(sector=7, size_mm=(5.0, 5.0))
+    assert {p.key for p in refusal_of(spec.to_mapping()).problems} == {"size_mm"}
+    with pytest.raises(SpecError, match="size_mm"):
+        rules_of_parts(spec)
 
 
 def test_models_may_be_left_out_unless_they_have_a_process() -> None:
