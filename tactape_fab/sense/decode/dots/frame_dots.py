@@ -22,7 +22,7 @@ from tactape_fab.texture.tape import Tape
 def frame_dots(image: Image, sensor: SensorProfile) -> Dots:
     """Dots of a canonical depth map that lie within the sensor's mask."""
     dots = detect(image, sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
-    if sensor.mask is None or len(dots.weights) == 0:
+    if sensor.mask is None:
         return dots
     # a top by the border can be found half a pixel beyond it
     u, v = np.rint(dots.xy_px).astype(np.int64).T

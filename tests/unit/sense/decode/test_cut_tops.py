@@ -46,6 +46,20 @@ def test_a_located_frame_is_less_sure_and_shows_no_depth(localizer: Localizer) -
     assert all(said is None for said in (fix.contact, fix.tilt_deg, fix.indentation_mm, fix.force_n))
 
 
+@pytest.mark.parametrize(("count", "share"), [(2, 0.0), (3, 0.003), (300, 0.3), (301, 0.0)])
+def test_a_share_of_3_to_300_of_1000_pixels_is_cut_off(count: int, share: float) -> None:
+    image = np.linspace(0.0, 1.0, 1000, dtype=np.float32).reshape(25, 40)
+    image.flat[1000 - count :] = 1.0
+    assert cut_share(image) == share
+
+
+def test_the_reason_has_the_share(localizer: Localizer) -> None:
+    image = np.zeros((25, 40), dtype=np.float32)
+    image.flat[:244] = 1.0
+    refused = localizer.locate(np.zeros((240, 320), dtype=np.float32))
+    assert f"{refused.reason}; 24 % of the pixels have" in str(as_cut(refused, image).reason)
+
+
 def test_the_paper_s_method_says_so_as_well() -> None:
     """It states no covariance."""
     frame, by_paper = simulate(TAPE, *POSE), Localizer([TAPE], method="paper")

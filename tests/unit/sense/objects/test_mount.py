@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.sense.objects.mount import Mount, on_surface, sensor_on_object, to_object
+from tactape_fab.sense.objects.mount import Mount, on_surface, printed_mount, sensor_on_object, to_object
 from tests.tapes import tape_at
 
 TURN = Rotation.from_euler("xyz", (40.0, -20.0, 70.0), degrees=True)
@@ -36,6 +36,7 @@ def mount(**more: Any) -> Mount:
         ({"covariance": np.eye(3)}, "covariance"),
         ({"covariance": np.diag([1.0, 1.0, 1.0, 1.0, 1.0, -1.0])}, "covariance = .* is none; give a covariance"),
         ({"covariance": np.triu(np.ones((6, 6)))}, "covariance = .* is none; give a covariance"),
+        ({"covariance": 1e-9 * np.triu(np.ones((6, 6)))}, "covariance = .* is none; give a covariance"),
     ],
 )
 def test_a_mount_that_is_none_is_refused(more: dict[str, Any], says: str) -> None:
@@ -63,6 +64,25 @@ def test_a_film_lies_round_a_cylinder(around: str, board_mm: tuple[float, float]
     assert points[0] == pytest.approx(point, abs=1e-12) and found[0] == pytest.approx(np.transpose(axes), abs=1e-12)
     points, found = to_object(made, [board_mm])
     assert points[0] == pytest.approx(TURN.apply(point) + AT_MM) and found[0] == pytest.approx(TURN.apply(axes).T)
+
+
+def test_a_rod_may_be_thin() -> None:
+    assert mount(**ROUND | {"top_mm": 0.5, "true_mm": 0.4}).top_mm == 0.5
+
+
+@pytest.mark.parametrize("around", ["x", "y"])
+def test_the_middle_line_of_a_print_stays_where_it_was_flat(around: Any) -> None:
+    """In the model's frame: z out of the board, 0 at the middle line; 3 mm of arc beside it are 12 sin(3 / 12) mm."""
+    made = printed_mount((40.0, 26.0), 12.0, around)
+    half, k = (20.0, 0) if around == "x" else (13.0, 1)
+    board = np.full((3, 2), 7.0)
+    board[:, k] = half + np.array([0.0, 3.0, -3.0])
+    points, axes = to_object(made, board)
+    side_mm, drop_mm = 12.0 * np.sin(0.25), 12.0 * (1.0 - np.cos(0.25))
+    want = np.column_stack([np.full((3, 2), 7.0), [0.0, -drop_mm, -drop_mm]])
+    want[:, k] = half + np.array([0.0, side_mm, -side_mm])
+    assert points == pytest.approx(want, abs=1e-12)
+    assert axes[0] == pytest.approx(np.eye(3), abs=1e-12)
 
 
 @pytest.mark.parametrize("theta_deg", [0.0, 30.0, -100.0])

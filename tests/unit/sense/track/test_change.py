@@ -14,8 +14,10 @@ from tactape_fab.sense import ElasticContact, LocatedDots, SensorProfile, load_s
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.simulation.parts import parts_of, scattered
 from tactape_fab.sense.simulation.scene import Scene
-from tactape_fab.sense.track.change import LEAST_COMMON, Change, change_between
+from tactape_fab.sense.track import change as module
+from tactape_fab.sense.track.change import CAMERA_SHARE, LEAST_COMMON, Change, _camera, _common, _solved, change_between
 from tactape_fab.sense.track.motion import pose_of, slip_of
+from tactape_fab.texture.frames import BoolArray
 from tests.contacts import TAPE, dots
 
 SENSOR = load_sensor("gelsight-mini")
@@ -65,14 +67,103 @@ def test_too_few_dots_in_common_are_no_change(localizer: Localizer) -> None:
     assert change_between(old, replace(new, dots=None), SENSOR) is None
     assert change_between(old, replace(old, tape="another"), SENSOR) is None
     assert old.dots is not None
-    few = LocatedDots(
-        uv_px=old.dots.uv_px,
-        cell=old.dots.cell,
-        symbol=old.dots.symbol,
-        residual_mm=old.dots.residual_mm,
-        inlier=np.arange(len(old.dots.inlier)) < LEAST_COMMON - 1,
-    )
-    assert change_between(old, replace(old, dots=few), SENSOR) is None
+    for count in (LEAST_COMMON - 1, LEAST_COMMON):
+        few = inliers(old, np.arange(len(old.dots.inlier)) % 5 == 0, count)
+        assert (change_between(old, few, SENSOR) is None) == (count < LEAST_COMMON)
+
+
+def inliers(fix: Localization, of: BoolArray, count: int | None = None) -> Localization:
+    """An answer of which only some dots agree."""
+    assert fix.dots is not None
+    kept = np.zeros(len(of), dtype=bool)
+    kept[np.flatnonzero(of)[:count]] = True
+    parts = {name: getattr(fix.dots, name) for name in ("uv_px", "cell", "symbol", "residual_mm")}
+    return replace(fix, dots=LocatedDots(**parts, inlier=kept))
+
+
+def fitted_elsewhere(fix: Localization, by: tuple[float, float, float]) -> Localization:
+    """The answer with another pose (mm, mm, degrees off), and the residuals S + R(theta) q - C that its dots have there."""
+    assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None
+    q = SENSOR.camera.from_px(fix.dots.uv_px) - SENSOR.camera.from_px(SENSOR.centre_px)
+    position, theta_deg = np.add(fix.position_mm, by[:2]), fix.theta_deg + by[2]
+    was, turned = (np.array([[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]]) for t in np.radians([fix.theta_deg, theta_deg]))
+    parts = {name: getattr(fix.dots, name) for name in ("uv_px", "cell", "symbol", "inlier")}
+    residual_mm = fix.dots.residual_mm + np.array(by[:2]) + q @ (turned - was).T
+    moved = LocatedDots(**parts, residual_mm=residual_mm)
+    return replace(fix, dots=moved, position_mm=tuple(position.tolist()), theta_deg=theta_deg)
+
+
+def test_a_change_is_that_of_the_dots_whatever_pose_was_fitted_to_them(localizer: Localizer) -> None:
+    """Dots on one side of the image, whose middle is off its centre."""
+    old, new = at(localizer, 30.0, 20.0, 20.0), at(localizer, 30.2, 19.9, 21.0)
+    assert old.dots is not None and new.dots is not None
+    old, new = (inliers(fix, fix.dots.uv_px[:, 0] > SENSOR.centre_px[0]) for fix in (old, new) if fix.dots is not None)
+    # by the profile's camera
+    old, new = (replace(fix, px_per_mm=SENSOR.px_per_mm[0], strain=(0.0, 0.0, None)) for fix in (old, new))
+    want = known(old, new)
+    assert want.shift == pytest.approx([0.2, -0.1, np.radians(1.0)], abs=1e-3)
+    found = known(old, fitted_elsewhere(new, (0.02, 0.05, 0.3)))
+    # but for its direction, which is by the answer's turn: 0.3 degrees of 0.22 mm
+    assert found.shift == pytest.approx(want.shift, abs=1.3e-3)
+
+
+def test_the_camera_of_two_fits_undoes_the_mean_of_theirs(localizer: Localizer) -> None:
+    first = at(localizer, 30.0, 20.0, 0.0)
+    fixes = [
+        replace(first, px_per_mm=SENSOR.px_per_mm[0] * scale, strain=strain)
+        for scale, strain in ((1.02, (0.05, 0.01, None)), (1.0, (0.03, 0.03, None)))
+    ]
+    seen_by = 1.01 * np.array([[1.02, 0.02], [0.0, 0.98]])
+    assert _camera(SENSOR, *fixes) @ seen_by == pytest.approx(np.eye(2))
+
+
+def test_a_solution_s_covariance_is_that_of_a_t_distribution() -> None:
+    """Of 12 numbers and 3 unknowns: nine degrees of freedom, whose variance is 9 / 7 of the normal one."""
+    rng = np.random.default_rng(1)
+    rates = rng.standard_normal((6, 2, 3))
+    normal = np.linalg.inv(rates.reshape(-1, 3).T @ rates.reshape(-1, 3))
+    of = [_solved(rates, rng.standard_normal((6, 2)))[1] / normal for _ in range(4000)]
+    assert np.mean(of) == pytest.approx(9.0 / 7.0, rel=0.03)
+
+
+def test_what_answers_take_off_is_unsure(monkeypatch: pytest.MonkeyPatch, localizer: Localizer) -> None:
+    old, new = at(localizer, 30.0, 20.0, 20.0), at(localizer, 30.0, 20.0, 20.0)
+    assert new.dots is not None
+    # of a fit to places 0.04 mm from those that are seen
+    parts = {name: getattr(new.dots, name) for name in ("uv_px", "cell", "symbol", "inlier")}
+    new = replace(new, dots=LocatedDots(**parts, residual_mm=np.add(new.dots.residual_mm, (0.04, 0.0))))
+    change = known(old, new)
+    monkeypatch.setattr(module, "CORRECTION_SHARE", 0.0)
+    without = known(old, new)
+    assert change.shift == pytest.approx(without.shift)
+    more = change.covariance - without.covariance
+    assert more[0, 0] == pytest.approx(0.01**2, rel=0.02) and np.abs(more[1:, 1:]).max() < 1e-7
+
+
+def test_common_dots_are_those_of_equal_cells() -> None:
+    """Also where the frames reach to different columns, so that one number for a cell may stand for two."""
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        frames = []
+        for columns in rng.integers(1, 9, 2).tolist():
+            every = np.stack(np.meshgrid(np.arange(columns), np.arange(4)), axis=-1).reshape(-1, 2)
+            cell = rng.permutation(every)[: rng.integers(1, len(every) + 1)]
+            none = np.zeros((len(cell), 2))
+            inlier = rng.random(len(cell)) < 0.7
+            frames.append(LocatedDots(uv_px=none, cell=cell, symbol=cell[:, 0], residual_mm=none, inlier=inlier))
+        found = _common(*frames)
+        both = set.intersection(*(set(map(tuple, dots.cell[dots.inlier].tolist())) for dots in frames))
+        assert all(set(map(tuple, dots.cell[k].tolist())) == both for dots, k in zip(frames, found, strict=True))
+        assert np.array_equal(frames[0].cell[found[0]], frames[1].cell[found[1]])
+
+
+def test_a_way_and_a_turn_are_as_unsure_as_the_camera(localizer: Localizer) -> None:
+    """Of dots without noise nothing else is left: the camera's share of 0.5 mm, and of half a degree."""
+    change = known(at(localizer, 30.0, 20.0, 0.0), at(localizer, 30.5, 20.0, 0.5))
+    share_mm, share_deg = 0.5 * CAMERA_SHARE, 0.5 * CAMERA_SHARE
+    sigmas = np.sqrt(np.diag(change.covariance))
+    assert sigmas[:2] == pytest.approx([share_mm, share_mm], rel=0.1)
+    assert share_deg < np.degrees(sigmas[2]) < 2.0 * share_deg + 0.005
 
 
 def test_what_both_frames_share_cancels(localizer: Localizer) -> None:

@@ -94,6 +94,24 @@ def test_errors_of_the_surface_are_those_of_the_circle(middle_mm: float, gain_er
     assert bend.along_sigma == pytest.approx(along_sigma)
 
 
+@pytest.mark.parametrize("middle_mm", [0.0, -2.0])
+def test_a_gain_that_errs_moves_the_angle_and_the_curvature_as_depths_that_are_multiplied_by_it(middle_mm: float) -> None:
+    """Of f, and of (1 + e) f: arctan f', and f'' / (1 + f'^2)^(3/2), in the contact's middle."""
+    bend, error = replace(round_a_cylinder(8.0, 3.0, along=0.1), middle_mm=middle_mm), 1e-6
+    sine = (3.0 - middle_mm) / 8.0
+    slope = tan(asin(sine))
+    second = -1.0 / 8.0 * (1.0 + slope**2) ** 1.5
+    moved = np.array(
+        [
+            atan2((1.0 + error) * slope, 1.0) - asin(sine),
+            (1.0 + error) * second / (1.0 + ((1.0 + error) * slope) ** 2) ** 1.5 + 1.0 / 8.0,
+            error * 0.1,
+        ]
+    )
+    deviations = moved / (bend.angle_sigma, bend.curvature_sigma, bend.along_sigma)
+    assert bend.of_gain(error) == pytest.approx(deviations, rel=1e-4, abs=1e-9)
+
+
 @pytest.mark.parametrize("surface", [(0.1, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, -0.05, -0.04, 0.0), (0.0, 0.0, 0.05, -0.05, 0.0)])
 def test_what_is_flat_or_bent_about_two_axes_is_not_unrolled(surface: tuple[float, ...]) -> None:
     assert bend_of(np.array(surface), NO_VARIANCE, 0.0, np.zeros(2), 0.0) is None

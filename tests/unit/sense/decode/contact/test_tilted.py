@@ -477,6 +477,21 @@ def test_tops_of_no_film_are_drawn_or_not_by_what_fits_better(monkeypatch: pytes
     assert film[2] and film[0].position_mm == pytest.approx(PLACE_MM - apart)
 
 
+def test_an_amount_by_which_no_pose_changes_by_a_number_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here the lean of the tops; all others count."""
+
+    class Singular(Mean):
+        def changes(self, moves_mm: FloatArray) -> FloatArray:
+            return np.where(np.arange(len(moves_mm))[:, None] == 1, nan, super().changes(moves_mm))
+
+    found = []
+    for dots in (Mean(), Singular()):
+        Fits(monkeypatch, fitted=dots, sigma_mm=0.02)
+        found.append(asked(lie_of(np.array([0.06, 0.0])))[0].covariance)
+    assert found[0][0, 0] - found[1][0, 0] == pytest.approx((LEAN_MM * 0.06) ** 2)
+    assert found[0][1:, 1:] == pytest.approx(found[1][1:, 1:])
+
+
 def test_tops_that_fit_far_better_undrawn_are_not_drawn_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     Fits(monkeypatch, position_mm=PLACE_MM - 0.01, sigma_mm=1.0)
     found, _, drawn = asked(lie_of(np.array([0.06, 0.0]), film=False), pose=pose_of(sigma_mm=0.001))

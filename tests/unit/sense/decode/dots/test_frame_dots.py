@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from tactape_fab.sense import ElasticContact, Scene, SensorProfile, load_sensor, simulate
-from tactape_fab.sense.decode.dots.frame_dots import contact_dots, detected, squared
+from tactape_fab.sense.decode.dots import frame_dots as module
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.dots.frame_dots import contact_dots, detected, frame_dots, squared
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.square_image import square_image
@@ -53,5 +56,61 @@ def test_soft_tops_keep_their_maxima_to_the_last_digit() -> None:
     assert found.by_edges == 0.0 and np.array_equal(found.xy_px, want.xy_px) and np.array_equal(found.seen_px, want.seen_px)
 
 
+def test_dots_beyond_a_mask_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the nearest pixel; that of a top which is found beyond the border is the border's."""
+    h, w = STOCK.frame_shape
+    mask = np.ones((h, w), dtype=bool)
+    mask[:, :100] = mask[:50] = False
+    image = canonical_frame(simulate(TAPE, *POSE, sensor=STOCK), STOCK)
+    every = frame_dots(image, STOCK)
+    u, v = every.xy_px.T
+    inside = (u > 99.5) & (v > 49.5)
+    found = frame_dots(image, replace(STOCK, mask=mask))
+    assert 5 < len(found.weights) < len(every.weights) and np.array_equal(found.xy_px, every.xy_px[inside])
+    ring = np.pad(np.zeros((h - 2, w - 2), dtype=bool), 1, constant_values=True)
+    for beyond in ((-0.6, 60.0), (w - 0.4, 60.0), (150.0, -0.6), (150.0, h - 0.4)):
+        moved = replace(every, xy_px=np.tile(beyond, (len(u), 1)))
+        monkeypatch.setattr(module, "detect", lambda *_, moved=moved: moved)
+        assert len(frame_dots(image, replace(STOCK, mask=ring)).weights) == len(u)
+    for xy_px, is_in in (((w - 0.4, 60.0), True), ((150.0, h - 0.4), True), ((-0.6, 60.0), False), ((150.0, -0.6), False)):
+        moved = replace(every, xy_px=np.tile(xy_px, (len(u), 1)))
+        monkeypatch.setattr(module, "detect", lambda *_, moved=moved: moved)
+        assert len(frame_dots(image, replace(STOCK, mask=mask)).weights) == is_in * len(u)
+
+
+def test_pixels_that_are_oblong_have_the_scale_of_their_area(monkeypatch: pytest.MonkeyPatch) -> None:
+    every, asked = detected(np.zeros(OBLONG.frame_shape, dtype=np.float32), OBLONG), []
+
+    def detect(image: Image, px_per_mm: float) -> Dots:
+        asked.append(px_per_mm)
+        return every
+
+    monkeypatch.setattr(module, "detect", detect)
+    assert frame_dots(np.zeros(OBLONG.frame_shape, dtype=np.float32), OBLONG) is every
+    assert asked == [pytest.approx(0.85**0.5 * STOCK.px_per_mm[0])]
+
+
+def test_dots_settle_by_the_tape_s_own_pitch_and_displacement(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[float, float]] = []
+
+    def settle(dots: Dots, pitch_px: float, shift: float) -> Dots:
+        asked.append((pitch_px, shift))
+        return settled(dots, pitch_px, shift)
+
+    monkeypatch.setattr(module, "settled", settle)
+    contact_dots(simulate(TAPE, *POSE, sensor=STOCK), STOCK, TAPE)
+    assert asked == [pytest.approx((1.5 * STOCK.px_per_mm[0], 0.25 / 1.5))]
+
+
+def test_places_are_from_the_image_s_centre_wherever_that_of_the_distortion_is() -> None:
+    u, v = STOCK.centre_px
+    sensor = replace(STOCK, geometry=replace(STOCK.geometry, k1=0.02, center_px=(u + 20.0, v - 12.0)))
+    found = squared(np.array([[u, v], [u + 1.0, v], [u, v + 1.0]]), sensor)
+    assert found[0] == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert found[1:] == pytest.approx(np.eye(2), abs=0.02)
+
+
 def test_a_frame_without_dots_has_none() -> None:
+    masked = replace(TRUE, mask=np.ones(TRUE.frame_shape, dtype=bool))
+    assert len(frame_dots(np.zeros(TRUE.frame_shape, dtype=np.float32), masked).weights) == 0
     assert len(contact_dots(np.zeros(TRUE.frame_shape, dtype=np.float32), TRUE, TAPE).weights) == 0
