@@ -127,23 +127,24 @@ def repair(
     patches: Patches,
     least: IntArray,
     least_given: IntArray,
+    count: int,
     steps: int,
     state: WordArray,
     buffers: Buffers,
-) -> bool:
-    """Change symbols in place until there is no conflict; returns whether that took at most `steps` steps.
+) -> int:
+    """Change symbols in place, at most `steps` steps, until there is no conflict.
 
     Each step draws a conflict and one of its points, and tries the other symbol of least weight there: a conflict that lacks b
     bits weighs 4^(b - 1).
+
+    count: Conflicts that are listed in `buffers`, by `conflicts_of` or by a call before.
+    Returns: How many are listed now: 0 when there is no conflict left, -1 if they do not fit into the buffer.
     """
-    count = conflicts_of(patches, least, least_given, buffers)
-    if count < 0:
-        return False
     for _ in range(steps):
         # the list also has conflicts that later changes repaired: removing each at once would need a search of the list
         count, chosen = _next_conflict(patches, least, least_given, count, state, buffers)
         if count == 0:
-            return True
+            return count
         shape, patch = buffers.conflicts[chosen, 0], buffers.conflicts[chosen, 1]
         # either patch of the pair may be changed, but given patches stay
         if buffers.conflicts[chosen, 2] != _GIVEN and _below(state, np.int64(2)) == 1:
@@ -152,7 +153,7 @@ def repair(
         row, column = patch // wide + cell[0], patch % wide + cell[1]
         coming = _weigh(symbols, shapes, patches, least, least_given, row, column, buffers)
         if coming < 0 or count + coming > len(buffers.conflicts):
-            return False
+            return -1
         now = int(symbols[row, column])
         new = _lightest(buffers.weight[: 1 << shapes.bits], now, state)
         # weights count all conflicts of the patches that contain the point, so their difference is that of the whole grid
@@ -167,7 +168,7 @@ def repair(
                 for field in range(4):
                     buffers.conflicts[count, field] = buffers.coming[k, 1 + field]
                 count += 1
-    return False
+    return count
 
 
 @inner_kernel()

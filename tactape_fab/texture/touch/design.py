@@ -129,6 +129,8 @@ _WORK, _WORK_BESIDE = 60_000_000, 400_000_000
 The second is for rungs beside other tapes, except the last one, which many tapes do not reach.
 """
 _LEAST_STEPS = 1000
+_PIECE = 1_000_000
+"""Work of a call of the kernel: a sixth of a second."""
 MOST_TOUCH_POINTS = 20_000
 
 
@@ -167,7 +169,7 @@ def _designed(
     directions: int,
     rungs: tuple[Rung, ...],
 ) -> SymbolArray:
-    from tactape_fab.texture.touch.conflicts import fill, new_buffers, repair  # imports numba
+    from tactape_fab.texture.touch.conflicts import conflicts_of, fill, new_buffers, repair  # imports numba
     from tactape_fab.texture.touch.words import Patches, words_of  # imports numba
 
     # from here on symbols are Gray codes, whose bits give the distances; they are converted back at the end
@@ -179,13 +181,19 @@ def _designed(
     fill(symbols, directions, state)
     given = _given(others, shapes)
     work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
+    piece = max(1, _PIECE // work)
     reached = symbols.copy()
     for number, rung in enumerate(rungs, start=1):
         # a step compares a few patches with all, so that its time grows with the points of all tapes
         steps = max(_LEAST_STEPS, rung.effort * (_WORK_BESIDE if others and number < len(rungs) else _WORK) // work)
-        patches = Patches(*words_of(symbols, shapes), *given)
+        patches, bits = Patches(*words_of(symbols, shapes), *given), (rung.of_turns(), np.array(rung.across))
+        count, left = conflicts_of(patches, *bits, buffers), steps
+        # a piece at a time: Python hears of Ctrl-C and SIGTERM between calls of a kernel only
+        while count > 0 and left > 0:
+            count = repair(symbols, shapes, patches, *bits, count, min(left, piece), state, buffers)
+            left -= piece
         # a failed repair leaves the grid between two rungs, so the copy of the last rung is used
-        if not repair(symbols, shapes, patches, rung.of_turns(), np.array(rung.across), steps, state, buffers):
+        if count != 0:
             break
         reached = symbols.copy()
     # argsort of a permutation is its inverse

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import signal
 from dataclasses import replace
 from functools import cache
 from itertools import product
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from tactape_fab.texture.certify.certificate import certify
 from tactape_fab.texture.certify.pairs import across, conflicts
 from tactape_fab.texture.code import TOUCH_CODE, get_plane
 from tactape_fab.texture.frames import LETTERS, TURNED, SymbolArray
-from tactape_fab.texture.touch.design import design
+from tactape_fab.texture.touch.design import Rung, design
 from tactape_fab.texture.touch.designed import symbols_sha256
 from tactape_fab.texture.touch.patches import PATCHES, patch_distances
 from tests.thorough import slow
@@ -91,6 +93,23 @@ def test_designs_are_pinned_and_differ_by_sector_and_shape() -> None:
     assert len(digests) == 4
     assert symbols_sha256(design(7, (9, 16))) == "6723f2933b243a0693f7affb1709b6eb3bd5044627909e9add464e6147085efe"
     assert not design(7, (9, 16)).flags.writeable
+
+
+def test_a_design_is_left_soon_after_ctrl_c() -> None:
+    def leave(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    design(7, (9, 16))  # all is compiled
+    alone = {(4, False, False): (Rung(own=(2, 4, 6, 9, 12), across=(0,) * 5),)}
+    before, started_s = signal.signal(signal.SIGVTALRM, leave), process_time()
+    try:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.5)
+        with pytest.raises(KeyboardInterrupt):
+            design(7, (32, 62), rungs=alone)  # some ten seconds: no design has these distances
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, before)
+    assert process_time() - started_s < 2.5
 
 
 def test_a_tape_keeps_away_from_those_that_exist() -> None:
