@@ -55,7 +55,7 @@ def remark_lines(findings: Sequence[Finding]) -> list[str]:
 
 def _finding_row(finding: Finding) -> tuple[str, ...]:
     verdict = "ok" if finding.passed else finding.level
-    value = "" if finding.value is None else f"{finding.value:.3f}"
+    value = "" if finding.value is None else f"{round(finding.value, 3) + 0.0:.3f}"
     limit = "" if finding.limit is None else f"{finding.limit:.3f}"
     at = "" if finding.at_mm is None else f"{finding.at_mm[0]:.2f}, {finding.at_mm[1]:.2f}"
     source = f"{finding.source}{' (confirmed)' * finding.confirmed}"

@@ -56,7 +56,7 @@ def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured,
         level, least_mm, passed = "warn", limit.warn_mm, False
     relation = "meets" if passed else "is below"
     kind = "limit" if least_mm == limit.value_mm else "limit without asking"
-    message = f"{what} {value:.3f} mm {relation} the {kind} {least_mm:.3f} mm of {profile.name}"
+    message = f"{what} {round(value, 3) + 0.0:.3f} mm {relation} the {kind} {least_mm:.3f} mm of {profile.name}"
     return Finding(
         rule=rule,
         level=level,

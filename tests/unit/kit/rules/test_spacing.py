@@ -16,6 +16,7 @@ import shapely
 
 from tactape_fab import Tape, TapeSpec
 from tactape_fab.base.errors import Finding, SpecError
+from tactape_fab.cli.printing import finding_lines
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
@@ -344,6 +345,14 @@ def test_a_broken_rule_names_value_limit_profile_and_remedy(values: dict[str, An
     assert finding.value < finding.limit
     assert f"{finding.value:.3f} mm is below the limit {finding.limit:.3f} mm of generic-fpc; " in finding.message
     assert finding.source
+
+
+def test_a_gap_of_nothing_has_no_sign() -> None:
+    spec = TapeSpec(sector=7, size_mm=(40.0, 30.0), rotation_deg=90.0, pitch_mm=1.63, displacement_mm=0.265, models=False)
+    gap = findings_of(examine(spec))["pad-pad"]
+    assert -0.0005 < (gap.value or 0.0) < 0.0  # but for rounding they touch
+    assert "gap between pads of two parts 0.000 mm is below" in gap.message
+    assert "-0.000" not in "".join(finding_lines([gap]))
 
 
 def test_all_broken_rules_come_together() -> None:
