@@ -42,7 +42,7 @@ def refuse_no_form(form: object) -> None:
 
 def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
     """Reasons why the solid models of a tape cannot be built in this form, each with its remedy."""
-    problems = list(_cell_problems(tape))
+    problems = list(_cell_problems(tape, form))
     if form.cylinder is not None:
         problems += _cylinder_problems(tape, form, form.cylinder)
     return [*(problems or _edge_problems(tape, form)), *hole_problems(tape.board)]
@@ -65,20 +65,48 @@ def hole_problems(board: Board) -> list[Problem]:
     return problems
 
 
-def _cell_problems(tape: Tape) -> Iterator[Problem]:
+def _cell_problems(tape: Tape, form: SolidForm) -> Iterator[Problem]:
+    """Check that every element lies in its cell, on a plane and round the form's cylinder."""
     # the displacement bounds the shift along each axis, also of diagonal directions
-    reach = np.array(reach_mm(tape.part)) + tape.displacement_mm
-    worst = float(reach.max())
-    if worst > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM + _TOLERANCE_MM:
-        most_mm = tape.pitch_mm / 2 - LEAST_CLEARANCE_MM
-        # first rounded to a nanometre, as a float slightly above a whole micrometre would be rounded up to the next
-        least_mm = ceil(round(2 * (worst + LEAST_CLEARANCE_MM) * 1000, 3)) / 1000
+    flat_mm = max(reach_mm(tape.part)) + tape.displacement_mm
+    foot_mm = float(foot_reach_mm(tape, form).max()) + tape.displacement_mm if _has_feet(tape, form) else flat_mm
+    most_mm, worst_mm = tape.pitch_mm / 2 - LEAST_CLEARANCE_MM, max(flat_mm, foot_mm)
+    if worst_mm <= most_mm + _TOLERANCE_MM:
+        return
+    # first rounded to a nanometre, as a float slightly above a whole micrometre would be rounded up to the next
+    least_mm = ceil(round(2 * (worst_mm + LEAST_CLEARANCE_MM) * 1000, 3)) / 1000
+    wider = f"use --w {least_mm:g} --delta {tape.displacement_mm:g}"
+    if flat_mm > most_mm + _TOLERANCE_MM:
         yield Problem(
             "part",
             f"part = '{tape.part.name}' is larger than its cell: displaced by {tape.displacement_mm:g} mm it reaches "
-            f"{worst:.3f} mm from its grid point, more than {most_mm:.3f} mm, half the pitch {tape.pitch_mm:g} mm less a "
-            f"clearance; use --w {least_mm:g} --delta {tape.displacement_mm:g}, or a smaller element",
+            f"{flat_mm:.3f} mm from its grid point, more than {most_mm:.3f} mm, half the pitch {tape.pitch_mm:g} mm less a "
+            f"clearance; {wider}, or a smaller element",
         )
+    elif form.cylinder is not None:
+        yield Problem(
+            "cylinder_mm",
+            f"cylinder_mm = {form.cylinder.radius_mm:g} mm: an element leaves its cell where the surface falls away under it: it "
+            f"reaches {foot_mm:.3f} mm from its grid point, more than {most_mm:.3f} mm; {wider}, or a larger --cylinder",
+        )
+
+
+def _has_feet(tape: Tape, form: SolidForm) -> bool:
+    """Whether the form's cylinder is wide enough for an element to stand on it."""
+    cylinder = form.cylinder
+    if cylinder is None or cylinder.radius_mm < _least_radius_mm(tape, form):
+        return False
+    return tape.part.shape != "dome" or meets_cylinder(tape.part, cylinder.radius_mm)
+
+
+def _least_radius_mm(tape: Tape, form: SolidForm) -> float:
+    """Least radius on which elements and base can stand."""
+    # a radius of at least twice the reach keeps the surface below a foot within 30 deg of its tangent plane: t / R <= 1 / 2
+    return max(2 * _reach_across_mm(tape), 0.0 if form.negative else form.base_mm + 0.1)
+
+
+def _reach_across_mm(tape: Tape) -> float:
+    return max(reach_mm(tape.part)) if tape.part.shape == "block" else mean_radius_mm(tape.part)
 
 
 def foot_reach_mm(tape: Tape, form: SolidForm) -> FloatArray:
@@ -109,15 +137,12 @@ def _edge_problems(tape: Tape, form: SolidForm) -> Iterator[Problem]:
 
 
 def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Iterator[Problem]:
-    radius_mm, axis = cylinder.radius_mm, 0 if cylinder.around == "x" else 1
-    # a radius of at least twice the reach keeps the surface below a foot within 30 deg of its tangent plane: t / R <= 1 / 2
-    reach_across_mm = max(reach_mm(tape.part)) if tape.part.shape == "block" else mean_radius_mm(tape.part)
-    least_mm = max(2 * reach_across_mm, 0.0 if form.negative else form.base_mm + 0.1)
+    radius_mm, least_mm = cylinder.radius_mm, _least_radius_mm(tape, form)
     shown = f"cylinder_mm = {radius_mm:g} mm"
     if radius_mm < least_mm:
         yield Problem(
             "cylinder_mm",
-            f"{shown} is below {least_mm:.2f} mm, what an element of reach {reach_across_mm:.2f} mm on a base of "
+            f"{shown} is below {least_mm:.2f} mm, what an element of reach {_reach_across_mm(tape):.2f} mm on a base of "
             f"{form.base_mm:g} mm needs; use a larger --cylinder or a thinner --base",
         )
         return
@@ -148,14 +173,6 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
             "cylinder_mm",
             f"{shown} is too small for part '{tape.part.name}': the surface falls away under its foot further than its sides "
             "reach; use a larger --cylinder, or a narrower or flatter element",
-        )
-        return
-    cell_mm = float(foot_reach_mm(tape, form)[axis]) + tape.displacement_mm
-    if cell_mm > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM + _TOLERANCE_MM and not list(_cell_problems(tape)):
-        yield Problem(
-            "cylinder_mm",
-            f"{shown}: an element leaves its cell where the surface falls away under it ({cell_mm:.3f} mm from its grid point); "
-            "use a larger --cylinder or a larger --w",
         )
 
 

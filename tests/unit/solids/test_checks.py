@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from math import pi
 from pathlib import Path
@@ -33,6 +34,15 @@ def test_an_element_larger_than_its_cell_is_refused() -> None:
     assert "more than 0.748 mm" in text
     assert "--w" in text
     assert form_problems(tape_of(DOME, 5, 5, displacement_mm=0.448), SolidForm()) == []
+
+
+@pytest.mark.parametrize("pitch_mm", [0.8, 0.871])  # larger than its cell on a plane, and round the cylinder only
+def test_the_pitch_of_a_refusal_is_enough_round_the_cylinder_too(pitch_mm: float) -> None:
+    form = SolidForm(cylinder=Cylinder(radius_mm=5.0))
+    tape = tape_of(DOME, 5, 5, pitch_mm=pitch_mm, displacement_mm=0.133)
+    found = re.search(r"use --w ([\d.]+) --delta 0\.133, or a ", said(tape, form))
+    assert found is not None
+    assert form_problems(tape_of(DOME, 5, 5, pitch_mm=float(found[1]), displacement_mm=0.133), form) == []
 
 
 @pytest.mark.parametrize(("around", "axis"), [("x", 0), ("y", 1)])
