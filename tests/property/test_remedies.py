@@ -147,6 +147,7 @@ REFUSED = (
     "--sector 7 --fab jlcpcb-fr4 --bend-axis x --bend-radius 5 --coverlay lpi",
     "--sector 7 --fab generic-fr4 --anchor mesh --rotation 20 --no-3d",
     "--sector 7 --code touch-1 --directions 8 --fab pcbway-fpc --x2 off --size 30x24 --no-3d",
+    "--sector 7 --code touch-1 --directions 8 --w 1.1 --delta 0.266 --size 20x16 --no-3d",
     "--sector 24 --fab pcbway-fpc --size 30x24 --delta 0.3 --tag-cell 5 --part r0402",
     "--sector 7 --size 238x12 --panel 10x10 --tabs x --same-sector --no-3d",
     "--sector 7 --part dome --panel 2x2 --tabs x",

@@ -11,6 +11,8 @@ MOST_SYMBOL_ERRORS = 0.01
 ROOMY_PITCH_MM = 2.0
 """Pitch at which 0201 chips with that displacement meet the gap limits of all fabs that come with the package."""
 _HALF_STEP = sin(pi / 8.0)
+_BLOCK_REACH_MM = 0.338
+"""Reach of the block at any rotation, half the diagonal of 0.6 x 0.3 mm, with its clearance, mm; rounded up."""
 
 
 def symbol_errors(displacement_mm: float) -> float:
@@ -44,9 +46,11 @@ def scatter_refusal(displacement_mm: float, pitch_mm: float, of_film: str = "") 
     least = f"--delta {least_displacement_mm():g} or more"
     if pitch_mm < ROOMY_PITCH_MM:  # pads might be too near at this pitch
         least = f"--w {ROOMY_PITCH_MM:g} --delta {least_displacement_mm():g}"
+    block_mm = ceil(round(2000.0 * (_BLOCK_REACH_MM + displacement_mm), 3)) / 1000.0
+    wider = "" if pitch_mm >= block_mm else f" --w {block_mm:g} --delta {displacement_mm:g}"
     return (
         f"directions = 8 at displacement_mm = {displacement_mm:g} mm: parts that a line places scatter by {PLACEMENT_MM:g} mm "
         f"along each axis, and {100.0 * errors:.1f} % of them would show a neighbouring direction, more than "
         f"{100.0 * MOST_SYMBOL_ERRORS:g} %; use {least}, or --directions 4, "
-        f"or a printed element, --part block --process sla{of_film}"
+        f"or a printed element, --part block --process sla{wider}{of_film}"
     )
