@@ -21,6 +21,8 @@ from tactape_fab.sense.geometry import MOST_BARREL, Camera, Gel, Geometry, camer
 from tactape_fab.texture.frames import FloatArray
 
 MOST_PX = 4096
+LEAST_UNIT_MM = 1e-9
+"""A picometre: of finer units float32 overflows where a frame is divided by them."""
 MOST_FRAMES = 1_000_000
 """Frames of one file, written, read or answered."""
 _MASK_BYTES = 32 * 1024 * 1024
@@ -175,7 +177,7 @@ def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
     slope_noise = noise.number("slope", low=0.0, high=10.0, unit="") if "slope" in noise.values else None
     unit_mm = None
     if "depth" in table.values:
-        unit_mm = table.table("depth", ("unit_mm",)).number("unit_mm", above=0.0, high=1000.0)
+        unit_mm = table.table("depth", ("unit_mm",)).number("unit_mm", low=LEAST_UNIT_MM, high=1000.0)
     before = len(table.problems)
     width_px = image.integer("width_px", low=16, high=MOST_PX, default=MOST_PX)
     height_px = image.integer("height_px", low=16, high=MOST_PX, default=MOST_PX)
@@ -293,7 +295,7 @@ def _checked(made: SensorProfile) -> SensorProfile:
     table.number("scale_tolerance", low=0.0, high=0.5, unit="")
     _given(table, _SMOOTH | {"slope_noise": (0.0, 10.0, "")})
     if "depth_unit_mm" in table.values:
-        table.number("depth_unit_mm", above=0.0, high=1000.0)
+        table.number("depth_unit_mm", low=LEAST_UNIT_MM, high=1000.0)
     shape = (made.height_px, made.width_px)
     if "mask" in table.values and not (
         isinstance(made.mask, np.ndarray) and made.mask.dtype == bool and made.mask.shape == shape

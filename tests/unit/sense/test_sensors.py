@@ -162,7 +162,8 @@ def test_a_bad_mask_is_refused_in_words(write: Write, data: bytes, words: str) -
         (("scale_tolerance = 0.10", "scale_tolerance = 0.9"), "exceeds 0.5"),
         (("white_um = 4.0", "white_um = nan"), "not a finite number"),
         (("white_um = 4.0", "wite_um = 4.0"), "did you mean 'white_um'?"),
-        (("# [depth]\n# unit_mm = 1.0 ", "[depth]\nunit_mm = 0.0 #"), "not above 0 mm"),
+        (("# [depth]\n# unit_mm = 1.0 ", "[depth]\nunit_mm = 0.0 #"), "unit_mm = 0 mm is below 1e-09 mm"),
+        (("# [depth]\n# unit_mm = 1.0 ", "[depth]\nunit_mm = 1e-300 #"), "unit_mm = 1e-300 mm is below 1e-09 mm"),
     ],
 )
 def test_a_bad_value_is_refused_in_words(write: Write, change: tuple[str, str], words: str) -> None:
