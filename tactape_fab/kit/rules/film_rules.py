@@ -379,6 +379,8 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
 
 def _size_remedy(size_mm: Sequence[float], level: bool, fab: FabProfile, *, small: bool, large: bool) -> str:
     """Remedy for an item that assembly does not accept: a panel if the item fits on one with its rails, else another size."""
+    if any(most < least for most, least in zip(fab.largest_panel_mm, fab.panel.smallest_mm, strict=True)):
+        return "; ask the line" if small or large else ""  # no board that this fab makes is large enough for assembly
     room_mm = fab.largest_railed_mm
     fits = all(side <= most + TOLERANCE_MM for side, most in zip(size_mm, room_mm, strict=True))
     if small and not large and fits:

@@ -324,6 +324,13 @@ def test_what_assembly_takes(board_mm: tuple[float, float], value: float, limit:
     assert size.message.partition("; the tape is ")[2].partition("; ")[2] == (remedy or "")
 
 
+@pytest.mark.parametrize("board_mm", [(40.0, 30.0), (300.0, 50.0)])
+def test_no_size_is_proposed_where_the_fab_makes_no_panel_that_assembly_takes(board_mm: tuple[float, float]) -> None:
+    small = replace(FAB, size=replace(FAB.size, largest_mm=(100.0, 60.0)))  # assembly takes 70 x 70 mm and more
+    _, size = assembled(board_mm, fab=small)
+    assert not size.passed and size.message.endswith(" mm; ask the line")
+
+
 def test_what_is_ordered_is_named() -> None:
     _, size = assembly_findings((100.0, 80.0), 1, FAB, "panel")
     assert size.message == "assembly takes 70 x 70 to 250 x 250 mm; the panel is 100 x 80 mm"
