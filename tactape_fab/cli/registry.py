@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import counted, shown_path
 from tactape_fab.cli.certify import proven_lines
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import workers_of, workers_option
@@ -64,7 +66,8 @@ def _packed(kits: Sequence[str], path: Path, overwrite: bool) -> list[str]:
     echo_lines_err([f"note: {line}" for line in again])
     data = pack([entry.tape for entry in entries], [entry.fab for entry in entries])
     write_file(path, data, "--pack", overwrite=overwrite)
-    return [f"{len(entries)} {'tape' if len(entries) == 1 else 'tapes'} in {path}, {len(data)} bytes; give it as --tape {path}"]
+    count = counted(len(entries), "tape", "tapes")
+    return [f"{count} in {shown_path(path)}, {len(data)} bytes; give it as --tape {quote(str(path))}"]
 
 
 def registry_lines(result: Registry) -> list[str]:

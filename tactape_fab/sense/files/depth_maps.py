@@ -14,6 +14,7 @@ from functools import partial
 from io import BytesIO
 from math import isfinite, prod
 from pathlib import Path
+from shlex import quote
 from typing import IO, Any
 
 import numpy as np
@@ -140,7 +141,7 @@ def open_frame_file(path: str | Path) -> FrameFile:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         if has_manifest(path):
-            raise SpecError(Problem("frames", f"{shown_path(path)} is a kit, no file of frames; use --tape {shown_path(path)}"))
+            raise SpecError(Problem("frames", f"{shown_path(path)} is a kit, no file of frames; use --tape {quote(str(path))}"))
         remedy = "for arrays on standard input use watch -" if path == Path("-") else _REMEDY
         raise SpecError(Problem("frames", f"{shown_path(path)} is no file of frames; {remedy}"))
     with _refused(path):

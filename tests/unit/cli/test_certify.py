@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 
@@ -78,6 +79,13 @@ def test_a_kit_that_is_given_again_is_not_compared_with_itself(shelf: Path) -> N
         assert (twice.exit_code, twice.stderr) == (0, note)
         assert twice.stdout.replace("twice", "once") == once.stdout
     assert run("certify shelf shelf/seven").stderr == "note: shelf/seven is given again, and taken once\n"
+
+
+def test_a_packed_registry_is_taken_as_it_says(shelf: Path) -> None:
+    Path("my tapes").mkdir()
+    packed = run("registry shelf/seven --pack 'my tapes/a b.registry'")
+    option, *words = shlex.split(packed.stdout.partition("; give it as ")[2])
+    assert option == "--tape" and run(shlex.join(["registry", *words])).exit_code == 0
 
 
 def test_large_registries_are_printed_by_their_nearest_tapes() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import struct
 import zipfile
 from collections.abc import Callable
@@ -405,3 +406,12 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path, data: st.DataObject) 
         assert str(path) in str(error)
     else:
         assert shapes == [file.frame_shape] * file.count
+
+
+def test_a_kit_in_the_place_of_frames_is_named_as_it_is_typed(tmp_path: Path) -> None:
+    kit = tmp_path / "my kit"
+    kit.mkdir()
+    (kit / "manifest.json").touch()
+    with pytest.raises(SpecError) as refused:
+        open_frame_file(kit)
+    assert shlex.split(str(refused.value).rpartition("; use ")[2]) == ["--tape", str(kit)]
