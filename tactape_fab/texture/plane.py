@@ -238,7 +238,7 @@ def refuse_other_symbols(code: Plane, symbols: SymbolArray, sector: int, origin:
     shown, of_code = (symbols_to_rows(rows[r : r + 1, c : c + 1])[0] for rows in (symbols, expected))
     message = (
         f"symbols differ from code '{code.name}', sector {sector}, origin [{origin[0]}, {origin[1]}] at {len(wrong)} grid "
-        f"points, first at column {c}, row {r}: '{shown}' where the code has '{of_code}'"
+        f"points, first at column {c}, row {r}: '{shown}' where the code has '{of_code}'; make the kit again"
     )
     raise SpecError(Problem("symbols", message))
 

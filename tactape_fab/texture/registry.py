@@ -147,7 +147,7 @@ class _Measured:
         refuse_other(given, Sequence, "as_built", "list of files", "files of measured places, or none")
         files = [as_path(file, "as_built", "files of measured places, or none") if file != NOMINAL else NOMINAL for file in files]
         self._nominal = NOMINAL in files
-        if self._nominal and len(files) > 1:
+        if self._nominal and any(file != NOMINAL for file in files):
             message = "as_built = none is given together with files; give either none or the files"
             raise SpecError(Problem("as-built", message))
         self._files: dict[str, str | Path] = {}

@@ -356,7 +356,7 @@ def _read_tape(table: Fields) -> Tape:
 def _read_symbols(table: Fields, rows: int, columns: int, directions: int) -> SymbolArray:
     texts = table.rows("symbols", longest=rows)
     if len(texts) != rows or not all(isinstance(t, str) and len(t) == columns for t in texts):
-        raise SpecError(Problem("symbols", f"symbols is not {rows} strings of {columns} letters"))
+        raise SpecError(Problem("symbols", f"symbols is not {rows} strings of {columns} letters; make the kit again"))
     try:
         return rows_to_symbols(texts, directions)
     except ValueError as error:
@@ -374,9 +374,10 @@ def _read_omitted(table: Fields, rows: int, columns: int) -> IntArray:
         for e in entries
     )
     if table.problems or not inside:
-        raise SpecError([*table.problems, Problem("omitted", "omitted is not a list of [column, row] inside the grid")])
+        message = "omitted is not a list of [column, row] inside the grid; make the kit again"
+        raise SpecError(table.problems or Problem("omitted", message))
     omitted = np.array(entries, dtype=np.int64).reshape(-1, 2)
     # a point listed twice is one point in the mask, but two in `part_count`
     if len(set(map(tuple, omitted.tolist()))) != len(omitted):
-        raise SpecError(Problem("omitted", "omitted names a grid point twice"))
+        raise SpecError(Problem("omitted", "omitted names a grid point twice; make the kit again"))
     return omitted

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError, refuse
-from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.plain_text import toml_string
 from tactape_fab.base.templates import is_profile_file
 from tactape_fab.kit.profiles.fabs import FabProfile, load_fab
@@ -37,7 +37,9 @@ class Trial:
 def read_trials(content: Mapping[str, Any]) -> tuple[str, tuple[Trial, ...]]:
     """Fab profile and trials of a coupon, from its panel's manifest. Raises SpecError if it is not a valid one of a coupon."""
     if not isinstance(content.get("coupon"), Mapping):
-        raise SpecError(Problem("coupon", "COUPON is no coupon; give the folder that tactape-fab coupon wrote"))
+        raise SpecError(
+            Problem("coupon", f"COUPON is {shown(content.get('name'))}, no coupon; give the folder that tactape-fab coupon wrote")
+        )
     table = Fields(content).table("coupon", ("fab", "trials"))
     fab, trials = table.text("fab", longest=1000), []
     for i, row in enumerate(table.rows("trials", longest=100)):

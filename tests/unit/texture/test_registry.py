@@ -155,7 +155,8 @@ def test_measured_places_are_those_given_those_beside_the_kit_or_none(tmp_path: 
     assert shifts(*read_tapes([one, two, three])) == [0.01, 0.01, None]
     assert shifts(*read_tapes([one, two, three], files)) == [0.02, 0.02, None]
     assert shifts(*read_tapes([one, two, three], files[:1])) == [0.02, 0.01, None]
-    assert shifts(*read_tapes([one, two, three], ["none"])) == [None, None, None]
+    for none in (["none"], ["none", "none"]):
+        assert shifts(*read_tapes([one, two, three], none)) == [None, None, None]
     (unused,) = messages(one, three, as_built=tuple(files))
     assert "given-2.json is for the manifest" in unused and digest_of(two)[:12] + "..., and none of tape-1, tape-3 has" in unused
     six = [kit(tmp_path / f"more-{n}", n) for n in range(10, 16)]

@@ -418,6 +418,22 @@ def test_tapes_that_read_the_same_have_one_key() -> None:
     assert same.texture_key == TAPE.texture_key != replace(TAPE, sector=101).texture_key
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("symbols", 3, "symbols is not"),
+        ("omitted", [[1]], "omitted is not a list of"),
+        ("omitted", [[1, 1], [1, 1]], "omitted names a grid point twice"),
+        ("sector", 101, "symbols differ from code"),
+    ],
+)
+def test_symbols_that_cannot_be_are_refused_once_with_a_remedy(key: str, value: object, said: str) -> None:
+    with pytest.raises(SpecError) as refused:
+        Tape.from_mapping(with_value((key,), value))
+    message = str(refused.value)
+    assert message.startswith(said) and message.endswith("; make the kit again") and "\n" not in message
+
+
 def test_one_changed_symbol_is_found_and_its_place_named() -> None:
     rows = list(MAPPING["symbols"])
     old = rows[3][5]

@@ -113,6 +113,8 @@ def test_a_profile_that_is_not_there_is_said_to_be_the_coupons(trials: tuple[Tri
 def test_what_is_no_coupon_is_refused(content: dict[str, Any]) -> None:
     with pytest.raises(SpecError):
         read_trials(content)
+    with pytest.raises(SpecError, match=r"^COUPON is 'tactape-s007', no coupon; give the folder that tactape-fab coupon wrote$"):
+        read_trials({"name": "tactape-s007"})
 
 
 def test_trials_are_read_as_they_were_written(trials: tuple[Trial, ...]) -> None:
