@@ -55,7 +55,7 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
 
     names: The pictures' file names, or a glob pattern of them.
     key: The option that names the folder.
-    Raises SpecError.
+    Raises SpecError, and TactapeError if no file can be made there.
     """
     given = f"{key} = {shown_path(folder)}"
     try:
@@ -69,9 +69,8 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
     if not is_folder:
         message = f"{given}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
         raise SpecError(Problem(key, message))
-    if not can_hold:
-        message = f"{given} cannot be written: no file can be made in {shown_path(nearest)}; use another folder"
-        raise SpecError(Problem(key, message))
+    if not can_hold:  # a failure to write, as in the middle of the work
+        raise TactapeError(f"{given} cannot be written: no file can be made in {shown_path(nearest)}; use another folder")
     for path in taken:  # the first other file is enough to refuse the folder
         refuse_taken_place(path, key, ours=is_own_picture, kind=_KIND)
 

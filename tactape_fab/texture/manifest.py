@@ -36,13 +36,14 @@ def find_manifest(path: str | Path) -> Path:
         is_folder = place.is_dir()
         file = place / MANIFEST_NAME if is_folder else place
         unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
-        there = file.is_file()
+        there, is_other = file.is_file(), file.exists()
     except (OSError, RuntimeError, ValueError) as error:  # a link loop, or a name that is invalid on every system
         raise SpecError(f"{shown_path(place)} is no kit: {reason_of(error)}; give the folder of a kit") from error
     if unfinished:
         raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
     if not there:
-        reason = f"it holds no {MANIFEST_NAME}" if is_folder else "there is no such file"
+        lacks = f"it holds no {MANIFEST_NAME}" if is_folder else "there is no such file"
+        reason = f"{f'its {MANIFEST_NAME}' if is_folder else 'it'} is no regular file" if is_other else lacks
         raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit or its {MANIFEST_NAME}")
     return file
 

@@ -65,6 +65,11 @@ def test_a_manifest_is_found_by_its_folder_or_itself(tmp_path: Path) -> None:
     for wrong in (tmp_path / "loop", tmp_path / ("x" * 300), "a\0b"):
         with pytest.raises(SpecError, match="is no kit"):
             find_manifest(wrong)
+    file.unlink()
+    os.mkfifo(file)
+    for place, said in ((file, "it is"), (file.parent, r"its manifest\.json is")):
+        with pytest.raises(SpecError, match=f"is no kit: {said} no regular file; give the folder of a kit"):
+            find_manifest(place)
 
 
 def test_a_name_that_is_none_on_this_system_says_why(tmp_path: Path) -> None:
