@@ -151,7 +151,7 @@ def coverlay_modes(
             reason = f"openings of {min(size_mm):.3f} mm are below {least_size.value_mm:.3f} mm, whatever W"
             modes.append(Mode(name=name, legal=False, least_pitch_mm=None, reason=reason))
         else:
-            reason = f"bridges down to {gap_mm:.3f} mm, limit {bridge.value_mm:.3f} mm"
+            reason = f"bridges down to {round(gap_mm, 3) + 0.0:.3f} mm, limit {bridge.value_mm:.3f} mm"
             modes.append(Mode(name=name, legal=wide, least_pitch_mm=pitch, reason=reason))
     return tuple(modes)
 

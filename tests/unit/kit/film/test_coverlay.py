@@ -111,6 +111,11 @@ def test_a_bridge_equal_to_its_limit_passes_and_one_below_does_not() -> None:
         assert modes_at(replace(fab, limits=limits), pitch_mm, 0.25)["per-part"].legal is legal
 
 
+def test_openings_that_touch_have_a_gap_without_a_sign() -> None:
+    modes = coverlay_modes(load_fab("generic-fpc"), PART, pitch_mm=1.5, displacement_mm=0.25, rotation_deg=30.0)
+    assert modes[0].reason == "bridges down to 0.000 mm, limit 0.200 mm"
+
+
 def test_the_measured_bridge_is_the_closed_form_ones() -> None:
     examined = examine(TapeSpec(sector=7))
     bridge = next(f for f in examined.findings if f.rule == "opening-bridge")
