@@ -40,6 +40,8 @@ _FIELD = re.compile(rf"field of parts, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} 
 _ROW = re.compile(r"^   (\S(?:[^ \n]| (?! ))*) {2,}(\S[^\n]*)$", re.MULTILINE)
 _SPACING = ("least spacing of copper", "Min Track/Spacing")
 """Rows with a length that the manifest does not contain."""
+_ASK_FOR_PANEL = "): please panelise it,"
+_OUTSIDE = re.compile(rf"outside what the line takes \({_FIGURE} x {_FIGURE} to {_FIGURE} x {_FIGURE} mm\)")
 _ROUNDED_MM = 6e-4
 _ALWAYS = 8
 """Number of rows that every form has: the first of the expected rows, before those of the backings."""
@@ -110,7 +112,7 @@ def _row_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest, order:
     """Problems of rows that differ from the manifest, or are missing although every form needs them."""
     # steps 1 to 4 are the board's form, those up to 9 the whole order; the rest is for the user
     form, rest = text.partition("\nSTEP 5. ")[0], text.partition("\nSTEP 10. ")[0]
-    expected = _expected_rows(tape, of, film, order, legend=legend)
+    expected = _expected_rows(tape, of, film, order, text, legend=legend)
     known = {label: value for labels, value in expected.items() for label in labels}
     rows = _ROW.findall(rest)
     for label, value in rows:
@@ -172,6 +174,11 @@ def _remark_problems(text: str, tape: Tape, of: Ordered, film: FilmManifest) -> 
         sentences[rf"differ by {_FIGURE} mm"] = {f"{tape.displacement_mm:.4g}"}
         sentences[rf"regular grid of {_FIGURE} mm"] = {f"{tape.pitch_mm:.4g}"}
         yield from _other_figures(text, rf"The board alone \({_FIGURE} x {_FIGURE} mm\)", (width, height))
+        sides_mm = np.sort(of.shown.size_mm)[::-1]  # the longer one first, as in the fab's limits
+        for limits in _OUTSIDE.findall(text):
+            least_mm, most_mm = np.array(limits, dtype=float).reshape(2, 2)
+            if (least_mm <= sides_mm).all() and (sides_mm <= most_mm).all():
+                yield f"they ask for a panel, and the line takes a board of {width} x {height} mm"
         reach = reach_mm(tape.part)
         low, high = (tape.part_xy_mm() - reach).min(axis=0), (tape.part_xy_mm() + reach).max(axis=0)
         for box in _FIELD.findall(text):
@@ -224,7 +231,9 @@ def _placement_problems(text: str, of: Ordered, assembly: RecordedAssembly) -> I
             yield f"they say {parts} parts for {boards} boards of {of.part_count}"
 
 
-def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder, *, legend: bool) -> dict[tuple[str, ...], str]:
+def _expected_rows(
+    tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder, text: str, *, legend: bool
+) -> dict[tuple[str, ...], str]:
     """Patterns of values by labels of rows, for the forms of all houses; rows that every form has come first."""
     assembly, backings = film.assembly, film.film.backings
     width, height = map(_length, of.shown.size_mm)
@@ -252,7 +261,7 @@ def _expected_rows(tape: Tape, of: Ordered, film: FilmManifest, order: FabOrder,
         ("stiffener", "Stiffener"): stiffener,
         ("adhesive", "Adhesive Tape", "3M or tesa Tape"): adhesive,
         ("smallest hole", "Min Hole Size"): f"{hole} mm(, unplated)?" if of.shown.holes else "no holes",
-        ("panel", "Delivery Format", "Board Type"): _delivery(of.panel),
+        ("panel", "Delivery Format", "Board Type"): _delivery(of.panel, asked=_ASK_FOR_PANEL in text),
         ("stencil",): ".*" if film.stencil_mm is None else f"{_length(film.stencil_mm)} mm",
         ("Comment in the BOM",): _escaped(assembly.value),
         ("Mark on PCB", "Remove Product No."): "Remove Mark|Yes",  # the house's number would be printed on the tag
@@ -270,11 +279,11 @@ def _escaped(text: str) -> str:
     return re.escape(in_a_line(text))
 
 
-def _delivery(panel: Panel | None) -> str:
-    """Pattern of the form of delivery."""
+def _delivery(panel: Panel | None, *, asked: bool) -> str:
+    """Pattern of the form of delivery; `asked` tells whether the remark of step 8 asks the fab for a panel."""
     if panel is not None:
         return f"(as drawn|Panel by Customer), {re.escape(panel.words)}"
-    return r"[Ss]ingle (pieces|PCB)|(by the fab|Panel by \w+), as the remark of step 8 says"
+    return r"(by the fab|Panel by \w+), as the remark of step 8 says" if asked else r"[Ss]ingle (pieces|PCB)"
 
 
 def _bases(order: FabOrder) -> str:

@@ -349,6 +349,9 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "notes: pitch": (notes("regular grid of 1.5 mm", "regular grid of 1.6 mm"), "order-notes"),
     "notes: displacement": (notes("differ by 0.25 mm", "differ by 0.2 mm"), "order-notes"),
     "notes: first part": (bytes_of("order-notes", lambda b: re.sub(rb"R1 at [\d.]+,", b"R1 at 9.9,", b)), "order-notes"),
+    "notes: single": (notes("by the fab, as the remark of step 8 says", "single pieces"), "order-notes"),
+    "notes: no panel": (bytes_of("order-notes", lambda b: re.sub(rb"   The board alone [^\n]*\n", b"", b)), "order-notes"),
+    "notes: the line takes it": (notes("line takes (70 x 70 to", "line takes (20 x 20 to"), "order-notes"),
     "notes: merge openings": (notes("Do not merge openings", "Please merge openings"), "order-notes"),
     **{
         f"notes: {what}": (notes(old, new), "order-notes")
