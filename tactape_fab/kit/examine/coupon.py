@@ -57,7 +57,8 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
     wanted = list(_wanted(fab, part))
     last = get_code(DEFAULT_CODE).sectors - len(wanted)
     if not 0 <= first_sector <= last:
-        message = f"first_sector = {first_sector}: its {len(wanted)} tapes need sectors up to {first_sector + len(wanted) - 1}; "
+        ends = f"{first_sector} to {first_sector + len(wanted) - 1}"
+        message = f"first_sector = {first_sector}: its {len(wanted)} tapes need sectors {ends}; "
         raise SpecError(Problem("first_sector", message + f"use --first-sector 0 to {last}"))
     if misfit(TAPE_MM, fab) is not None:
         message = (

@@ -29,3 +29,8 @@ def test_a_coupon_that_is_there_is_replaced_as_its_messages_say(here: Path) -> N
     (line,) = run("-o", "my coupon", "--overwrite").stderr.splitlines()
     assert "--discard-edits to lose these edits" in line
     assert run("-o", "my coupon", "--discard-edits").exit_code == 0 and notes.read_text() != "edited"
+
+
+def test_sectors_beyond_the_code_are_named_from_the_first_to_the_last() -> None:
+    assert "--first-sector = -1: its 9 tapes need sectors -1 to 7; use --first-sector 0 to" in run("--first-sector", "-1").stderr
+    assert "--first-sector = 250: its 9 tapes need sectors 250 to 258; use" in run("--first-sector", "250").stderr
