@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 from tactape_fab.kit.film.anchors import Anchors, anchor_plan, build_anchors
@@ -140,6 +140,12 @@ def labelled_size_mm(tape: Tape, fab: FabProfile) -> tuple[float, float] | None:
         if not _label(tape, tape.tag, fab.legend, size_mm).left_out:
             return size_mm
     return None
+
+
+def shorter_name_fits(tape: Tape, fab: FabProfile) -> bool:
+    """Whether the strip holds the whole label once the name is a single character."""
+    assert tape.tag is not None
+    return not _label(replace(tape, name=tape.name[:1]), tape.tag, fab.legend, tape.board.size_mm).left_out
 
 
 def _label(tape: Tape, tag: Tag, rules: LegendSizes, size_mm: tuple[float, float]) -> Label:

@@ -11,7 +11,7 @@ import shapely
 
 from tactape_fab.base.errors import Finding
 from tactape_fab.kit.film.gaps import Geometries, gaps_mm, pen_strokes, polygons
-from tactape_fab.kit.film.layout import Layout, labelled_size_mm
+from tactape_fab.kit.film.layout import Layout, labelled_size_mm, shorter_name_fits
 from tactape_fab.kit.plan import TOLERANCE_MM, tag_inside
 from tactape_fab.kit.profiles import FabProfile, PartProfile, ProcessProfile, cited
 from tactape_fab.kit.rules.remedies import opening_words, part_words, wider_words
@@ -271,13 +271,15 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
             level="warn",
             passed=False,
             unit="",
-            message=f"the strip has no room for {', '.join(legend.left_out)}; {_label_words(layout, fab)}",
+            message=f"the strip has no room for {', '.join(legend.left_out)}; {_label_words(layout, fab, without)}",
         )
 
 
-def _label_words(layout: Layout, fab: FabProfile) -> str:
+def _label_words(layout: Layout, fab: FabProfile, without: str) -> str:
     size_mm = labelled_size_mm(layout.tape, fab)
-    return "use a shorter --name" if size_mm is None else f"use --size {size_mm[0]:g}x{size_mm[1]:g}, or a shorter --name"
+    ways = [] if size_mm is None else [f"--size {size_mm[0]:g}x{size_mm[1]:g}"]
+    ways += ["a shorter --name"] * shorter_name_fits(layout.tape, fab)
+    return f"use {', or '.join(ways or [without])}"
 
 
 # Holes

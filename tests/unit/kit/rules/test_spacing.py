@@ -398,6 +398,13 @@ def test_a_strip_without_room_says_what_it_left_out() -> None:
     assert "label" not in findings_of(examine(TapeSpec(sector=7)))
 
 
+@pytest.mark.parametrize(("height_mm", "helps"), [(25.0, False), (28.0, True)])
+def test_a_shorter_name_is_proposed_only_where_the_label_then_has_room(height_mm: float, helps: bool) -> None:
+    named = TapeSpec(sector=7, size_mm=(40.0, height_mm))
+    assert findings_of(examine(named))["label"].message.endswith("or a shorter --name") is helps
+    assert ("label" not in findings_of(examine(replace(named, name="a")))) is helps
+
+
 def test_a_profile_that_cannot_be_read_is_no_rule() -> None:
     with pytest.raises(SpecError, match="cannot be opened"):
         examine(TapeSpec(sector=7, fab="nowhere.toml"))
