@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 
@@ -25,6 +26,8 @@ _CENTRE_MARGIN_MM = 0.07
 _MOST_SHADOW_MM = 0.006
 """Largest shift across a body that is taken for a shadow's: it is 1.7 um in usual drawn scans, and 5 um in blurred ones
 (0.045 mm) with dark shadows (0.7); a larger one has another cause."""
+_USUAL_SHADOW_MM = 0.002
+"""Largest such shift that leaves no doubt: beside brighter bodies, or on green film, all places were 6 um off across parts."""
 _LEAST_PX_PER_MM = 40.0
 """Samples of a template: an edge of a scan at 600 dpi that is sampled at its pixels alone lies in a whole pixel."""
 _USUAL = 0.5
@@ -55,6 +58,9 @@ _MOST_AREA = 2.0
 """Area of body colour about a part from which on something lies on it or touches it: the fit takes the edge of a dark speck for
 the part's, and is off by up to 0.3 mm without a poor misfit. In drawn scans nine such parts of ten have 2.1 to 4.8, and of 15,000
 others none more than 1.97."""
+_MIDDLE, _MOSTLY, _SEARCHED = (0.2, 0.35), 0.5, 2
+"""Half of the middle of a part, over its length and width; the share of it that has the colour of bodies at least; and steps of
+half a width to each side that a part which is not at its place is looked for."""
 _LEAST_USUAL = 1.8
 """Usual misfit, in scatters, of scans with glare; without it parts are more alike, and 4 good ones of 400 looked covered."""
 _COVERED_SIGMA_MM = 0.1
@@ -67,6 +73,7 @@ class Bodies:
     shift_mm (n, 2): From the nominal place, board frame.
     turn_deg (n,): From the nominal rotation, counter-clockwise, -90 to 90.
     sigma_mm (n,)
+    common_mm: Standard deviation, along each axis, of the error of all of them together, by shadows; it is in `sigma_mm`.
     area (n,): Of body colour around the place, in units of the usual one: 0 where no part is.
     misfit (n,): How unlike the usual part it looks, 1 being usual.
     """
@@ -76,6 +83,7 @@ class Bodies:
     sigma_mm: FloatArray
     area: FloatArray
     misfit: FloatArray
+    common_mm: float = 0.0
 
     @property
     def covered(self) -> BoolArray:
@@ -96,6 +104,14 @@ class _Scene:
     def patches(self, sites_mm: FloatArray, state: _State) -> Samples:
         turn = self.tape.part.rotation_deg + state.turn_deg
         return _channels(sample(self.picture, self.warp, sites_mm + state.shift_mm, turn, self.grid), self.palette)
+
+    def bodies_at(self, sites_mm: FloatArray, state: _State) -> BoolArray:
+        """Where the middles of parts, at their places so far, have the colour of bodies; (n,)."""
+        length, width, _ = self.tape.part.body_mm
+        grid = patch_grid(_MIDDLE[0] * length, _MIDDLE[1] * width, self.warp.px_per_mm)
+        turn = self.tape.part.rotation_deg + state.turn_deg
+        seen = sample(self.picture, self.warp, sites_mm + state.shift_mm, turn, grid)
+        return np.asarray(self.palette.are_bodies(seen).mean(axis=1) > _MOSTLY)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -145,17 +161,22 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
     poor = np.flatnonzero(usual & (state.misfit > _POOR))
     if len(poor):
         state = _all_turns(scene, sites_mm, state, start, poor, template, ends, misfit)
+    if palette.like_lands:
+        state, there = _searched(scene, sites_mm, state, template, ends, misfit)
+        area *= there
+        usual = area > _USUAL
     state.sigma_mm[:, 0] *= farther
     start_mm[area > _MOST_AREA] = np.median(state.shift_mm[usual], axis=0)  # the colour's centroid is the speck's
     covered = usual & _covered(state.misfit, area)
     state.shift_mm[covered], state.turn_deg[covered], state.sigma_mm[covered] = start_mm[covered], middle, _COVERED_SIGMA_MM
     # parts were fitted to the template, whose own centre is somewhere beside that of its grid
-    shift = state.shift_mm + _along(tape, state.turn_deg, *_centre(scene, sites_mm, state, usual, template))
+    centre, common_mm = _centre(scene, sites_mm, state, usual, template)
+    shift = state.shift_mm + _along(tape, state.turn_deg, *centre)
     # a box looks the same after half a turn
     turn = (state.turn_deg - middle + 90.0) % 180.0 - 90.0
     # the mean of both axes' variances
-    sigma_mm = np.sqrt(np.square(state.sigma_mm).mean(axis=1))
-    return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=sigma_mm, area=area, misfit=state.misfit)
+    sigma_mm = np.sqrt(np.square(state.sigma_mm).mean(axis=1) + common_mm**2)
+    return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=sigma_mm, area=area, misfit=state.misfit, common_mm=common_mm)
 
 
 def _covered(misfit: FloatArray, area: FloatArray) -> BoolArray:
@@ -239,8 +260,8 @@ def _along(tape: Tape, turn_deg: FloatArray, a_mm: FloatArray, b_mm: FloatArray)
     return np.stack([c * a_mm - s * b_mm, s * a_mm + c * b_mm], axis=1)
 
 
-def _centre(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray, template: Template) -> FloatArray:
-    """Where the body's centre lies in the template, (a, b) mm.
+def _centre(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray, template: Template) -> tuple[FloatArray, float]:
+    """Where the body's centre lies in the template, (a, b) mm, and the standard deviation along each axis of what that is off.
 
     Across, from a colour that no shadow changes, where the body has one: film in a shadow is as dark as a body, and a shadow on
     one side moves all bodies by 0.7 um. Along, metal would be body in it. So would it beside bodies that are off their lands
@@ -250,15 +271,17 @@ def _centre(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray
     grid = scene.grid
     body = (np.abs(grid.a_mm) < length / 2 + 0.04) & (np.abs(grid.b_mm) < width / 2 + 0.04)
     a, b = symmetry_offset(template.value[0], grid, body)
-    axis = scene.palette.unshaded_axis()
+    axis, unsure_mm = scene.palette.unshaded_axis(), 0.0
     if axis is not None:
         grid = patch_grid(0.15 * length, width / 2 + _CENTRE_MARGIN_MM, FINEST_PX_PER_MM)
         some = _evenly(usual)
         turn = scene.tape.part.rotation_deg + state.turn_deg[some]
         seen = sample(scene.picture, scene.warp, sites_mm[some] + state.shift_mm[some], turn, grid)
         own = symmetry_offset(np.median(np.clip(seen @ axis, -1.0, 2.0), axis=0), grid, np.ones(grid.count, dtype=bool))[1]
+        # either may be right; what is off across a part is so along both axes
+        unsure_mm = sqrt(max((own - b) ** 2 - _USUAL_SHADOW_MM**2, 0.0) / 2.0)
         b = own if abs(own - b) < _MOST_SHADOW_MM else b
-    return np.array([a, b])
+    return np.array([a, b]), unsure_mm
 
 
 def _all_turns(
@@ -288,6 +311,33 @@ def _all_turns(
     best = state.of(np.arange(len(state.misfit)))
     best.put(poor[better], tried.of(first[better]))
     return best
+
+
+def _searched(
+    scene: _Scene, sites_mm: FloatArray, state: _State, template: Template, ends: Nuisance, usual: float
+) -> tuple[_State, BoolArray]:
+    """Fit parts anew, from places all about, that show no body where they seem to be, or fit badly; also where any is, (n,)."""
+    there = scene.bodies_at(sites_mm, state)
+    lost = np.flatnonzero(~there | (state.misfit > _POOR))
+    if not len(lost):
+        return state, there
+    steps = np.arange(-_SEARCHED, _SEARCHED + 1) * scene.tape.part.body_mm[1] / 2
+    about = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    every = np.tile(lost, len(about))
+    tried = replace(state.of(every), shift_mm=np.repeat(about, len(lost), axis=0))
+    for _ in range(_STEPS):
+        tried, _ = _moved(scene, sites_mm[every], tried, template, ends, robust=True)
+    tried = replace(tried, misfit=tried.misfit / usual)
+    near = np.hypot(*tried.shift_mm.T) < 0.45 * (scene.tape.pitch_mm - 2 * scene.tape.displacement_mm)
+    right = near & scene.bodies_at(sites_mm[every], tried) & (tried.misfit < _COVERED)
+    worth = np.where(right, tried.misfit, np.inf).reshape(len(about), -1)
+    best = worth.argmin(axis=0) * len(lost) + np.arange(len(lost))
+    better = worth.min(axis=0) < np.where(there, state.misfit, np.inf)[lost]
+    # a copy: `put` writes into its arrays
+    out = state.of(np.arange(len(state.misfit)))
+    out.put(lost[better], tried.of(best[better]))
+    there[lost[better]] = True
+    return out, there
 
 
 def _channels(samples: Samples, palette: Palette) -> Samples:

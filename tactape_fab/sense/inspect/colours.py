@@ -29,16 +29,43 @@ LIKE_BODY = 0.6
 """Body-ness from which on a sample counts as body."""
 _SHADE = 0.65
 """Film in the shadow of a part, as a share of its brightness."""
+_BLACK = 0.4
+"""Brightness of bodies over that of metal up to which no mixture of film and metal looks like them: those of chip resistors have
+0.2 to 0.3, of ceramic capacitors 0.5 and more. Blurred edges of lands, and solder on gold, have the colour of the latter."""
+_ROUGHLY = 0.1
+"""How negative a share of a mixture may be, as colours of a scan are right to some percent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Palette:
-    """Median colours (blue, green, red), and ``body_axis`` (4,): body-ness = axis[:3] . colour + axis[3], 1 on bodies."""
+    """Median colours (blue, green, red), and ``body_axis`` (4,): body-ness = axis[:3] . colour + axis[3], 1 on bodies.
+
+    ``beside`` is that of the openings beside parts, where it is known.
+    """
 
     body: FloatArray
     metal: FloatArray
     film: FloatArray
     body_axis: FloatArray
+    beside: FloatArray | None = None
+
+    @property
+    def like_lands(self) -> bool:
+        """Whether edges of lands may look like bodies, so that body-ness does not tell whether a part is there."""
+        seen = np.array([self.metal, self.film]).T
+        share = np.linalg.lstsq(seen, self.body, rcond=None)[0]
+        mixed = bool((share > -_ROUGHLY).all() and np.linalg.norm(self.body - seen @ share) < LEAST_CONTRAST)
+        return mixed and bool(self.body.mean() > _BLACK * self.metal.mean())
+
+    @property
+    def others(self) -> list[FloatArray]:
+        """Colours that are not the bodies'."""
+        return [self.metal, self.film, _SHADE * self.film] + ([] if self.beside is None else [self.beside])
+
+    def are_bodies(self, samples: Samples) -> BoolArray:
+        """Whether samples (..., 3) are nearest to the bodies' colour, of all that this palette knows."""
+        body, *rest = (np.square(samples - colour.astype(np.float32)).sum(axis=-1) for colour in (self.body, *self.others))
+        return np.asarray(body < np.min(rest, axis=0))
 
     def body_share(self, samples: Samples) -> Samples:
         """Body-ness of the samples: 1 on bodies, 0 on film and metal; clipped to -0.2 ... 1.2."""
@@ -90,7 +117,13 @@ def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -
     # gold in an opening of blue film would be body, and a place without a part full of it
     if abs(axis[:3] @ beside + axis[3]) > LIKE_BODY:
         axis = _axis(body, metal, film, beside)
-    return Palette(body=body, metal=metal, film=film, body_axis=axis)
+    found = Palette(body=body, metal=metal, film=film, body_axis=axis, beside=beside)
+    nearest = min(found.others, key=lambda colour: float(np.abs(body - colour).max()))
+    if found.like_lands and np.abs(body - nearest).max() < LEAST_CONTRAST:
+        raise SpecError(
+            f"bodies do not stand out from film and lands: {_rgb(body)} against {_rgb(nearest)}; scan in colour, with more light"
+        )
+    return found
 
 
 def _rgb(colour: FloatArray) -> str:

@@ -200,7 +200,7 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
         differs = _end_difference(view.picture, film.warp, tape, palette, sites[gone])
         upright[gone] = (bodies.area[gone] > _UPRIGHT_AREA) | (differs > _UPRIGHT_DIFFERENCE)
     foreign = find_foreign(view.picture, film.warp, tape, palette, (sites + bodies.shift_mm)[there], bodies.turn_deg[there])
-    growth, common_mm = None, film.common_mm
+    growth, common_mm = None, float(np.hypot(film.common_mm, bodies.common_mm))
     if photo:
         alone = bodies
         bodies, growth = without_parallax(alone, sites, there & ~alone.covered)

@@ -53,7 +53,8 @@ class ScanFacts:
     """Figures of one scan: nominal dpi (None where nobody says), scale, skew, line shifts, and residuals of the lands.
 
     ``px_per_mm`` and ``shear`` hold scanner and film together. ``growth`` is that of a photograph's parallax; None for a scan.
-    ``common_mm`` is the standard deviation, along each axis, of the common error of all parts, by the correction of parallax.
+    ``common_mm`` is the standard deviation, along each axis, of the common error of all parts, by shadows and the correction of
+    parallax.
     """
 
     name: str

@@ -269,7 +269,7 @@ def centre_of(value: FloatArray, grid: PatchGrid, spots: Sequence[Spot], palette
     still = _State(shift_mm=np.zeros((4, 2)), turn_deg=np.full(4, -30.0), sigma_mm=np.ones((4, 2)), misfit=np.ones(4))
     one = np.ones((2, grid.count))
     template = Template(value=np.stack([value, one[0]]), sigma=one, used=np.ones(grid.count, dtype=bool), tail=one)
-    a, b = bodies._centre(scene, sites, still, np.ones(4, dtype=bool), template)
+    (a, b), _ = bodies._centre(scene, sites, still, np.ones(4, dtype=bool), template)
     return float(a), float(b)
 
 

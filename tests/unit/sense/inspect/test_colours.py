@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,23 @@ def test_a_mixture_that_no_shadow_changes() -> None:
 @pytest.mark.parametrize(("film", "unit"), [(2 * FILM + 20, 460 / 3), (FILM, 0.7 * 195.0)])
 def test_brightness_is_in_units_of_the_film_s_or_of_metal_s_beside_dark_film(film: FloatArray, unit: float) -> None:
     assert palette(film=film).grey(np.full((1, 3), 100.0, dtype=np.float32)) == pytest.approx([100.0 / unit], rel=1e-5)
+
+
+def test_bodies_that_a_mixture_of_film_and_metal_may_be_are_told_by_their_colour() -> None:
+    amber, grey, tan, base = (np.array(colour, float) for colour in ((38, 142, 205), (157,) * 3, (90, 120, 150), (20, 92, 140)))
+    found = replace(palette(tan, grey, amber), beside=base)
+    assert found.like_lands and not palette(np.full(3, 36.0), grey, amber).like_lands
+    # on blue film no mixture is tan
+    assert not palette(tan, grey, np.array([130.0, 60.0, 30.0])).like_lands
+    seen = np.array([tan, 0.9 * tan, base, grey, amber, 0.65 * amber], dtype=np.float32)
+    assert found.are_bodies(seen).tolist() == [True, True, False, False, False, False]
+
+
+def test_bodies_of_the_colour_of_shaded_film_are_refused() -> None:
+    """As of a grey scan of chip capacitors."""
+    film = np.full(3, 190.0)
+    picture, warp, _ = drawn(STILL, np.zeros(COUNT), METAL, end_mm=0.4)
+    bodies, open_film = np.abs(picture - BODY).max(axis=2) < 20, np.abs(picture - FILM).max(axis=2) < 20
+    picture[bodies], picture[open_film] = 0.65 * film + 3.0, film
+    with pytest.raises(SpecError, match="bodies do not stand out from film and lands: RGB 126, 126, 126 against"):
+        learn_palette(picture, warp, TAPE, ALL)

@@ -431,3 +431,40 @@ def test_no_scan_at_all_is_refused_together_with_a_missing_kit(tmp_path: Path) -
     with pytest.raises(SpecError) as error:
         inspect_scans([], tmp_path / "none")
     assert len(error.value.problems) == 2
+
+
+TAN = (150, 120, 90)
+
+
+@pytest.mark.parametrize(("body", "seed"), [(TAN, 6), ((125, 105, 88), 7)])
+def test_bodies_of_the_colour_of_lands_edges_are_told_from_bare_lands(
+    body: tuple[int, int, int], seed: int, kit_40: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chip capacitors: those that were missing, or 0.3 mm off, were said to be where they should, to some micrometres."""
+    monkeypatch.setattr(scans, "BODY", np.array(body, dtype=np.float64))
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, sigma_mm=0.03, missing=4, seed=seed)
+    far = np.flatnonzero(built.present)[[50, 200]]
+    built.dx_mm[far], built.dy_mm[far] = (0.3, -0.2), (0.05, 0.22)
+    path = write(tmp_path / "scan.png", scan(tape, built, Scanner(glare=0.0), seed=seed))
+    (one,) = inspect_scans(path, kit_40.path)
+    np.testing.assert_array_equal(one.present, built.present)
+    said = {(d.kind, d.designator) for d in one.deviations()}
+    gone = {("missing", f"R{k + 1}") for k in np.flatnonzero(~built.present)}
+    assert gone < said and {name for _, name in said - gone} == {f"R{k + 1}" for k in far}
+    ordinary = built.present & ~np.isin(np.arange(tape.part_count), far)
+    assert np.abs(one.shift_mm - np.stack([built.dx_mm, built.dy_mm], axis=1))[ordinary].max() < 0.02
+
+
+@slow
+def test_doubt_of_a_shadow_is_in_what_is_said_of_places(kit_40: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On green film all places were 6 um off across the parts, and their sigmas of 3 um had none of it."""
+    monkeypatch.setattr(scans, "FILM", np.array((28.0, 92.0, 48.0)))
+    monkeypatch.setattr(scans, "BASE", np.array((150.0, 140.0, 90.0)))
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, seed=1)
+    (one,) = inspect_scans(write(tmp_path / "scan.png", scan(tape, built, Scanner(), seed=1)), kit_40.path)
+    mean_mm = errors_um(one, built).mean(axis=0) / 1000
+    drift_mm = float(one.as_built().source[0]["drift_mm"])
+    assert np.abs(mean_mm).max() < 2.5 * drift_mm and 0.002 < drift_mm < 0.006
+    assert (one.sigma_mm[one.present] >= drift_mm).all()
