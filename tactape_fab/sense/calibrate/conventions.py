@@ -168,7 +168,7 @@ def _rotation_vectors(read: str, arm: FloatArray) -> FloatArray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         angles = Rotation.from_matrix(arm[:, :3, :3]).as_euler(read)
-    # the same turns by the other three angles: a rotation vector is the shorter of both, as it is no longer than pi
+    # the same turns by the other three angles: a rotation vector is the shorter of both if its entries add up to 1.5 pi at most
     other = (angles * (1.0, -1.0, 1.0) + 2.0 * pi) % (2.0 * pi) - pi
     shorter = (angles**2).sum(axis=1) <= (other**2).sum(axis=1)
     return _with_turns(arm, Rotation.from_rotvec(np.where(shorter[:, None], angles, other)).as_matrix())
