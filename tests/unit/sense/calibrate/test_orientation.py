@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.sense.calibrate.orientation import KnownTurn, _most_relief, fitted_size, upright, with_depth, with_mask
+from tactape_fab.sense.calibrate.orientation import (
+    MOST_OFF_DEG,
+    SCALES,
+    TOLERANCE,
+    KnownTurn,
+    _most_relief,
+    find_orientation,
+    fitted_size,
+    upright,
+    with_depth,
+    with_mask,
+)
 from tactape_fab.sense.decode.dots.inputs import canonical_frame, shown_pixels
-from tests.unit.sense.calibrate.sensors import STOCK, presses
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, pressed, presses
 
 OBLONG = replace(STOCK, px_per_mm=(16.0, 12.0))
 SEEN = np.zeros((240, 320), dtype=bool)
@@ -57,6 +69,25 @@ def test_a_direction_that_no_quarter_turn_explains_is_refused() -> None:
         upright(OBLONG, KnownTurn(frame=2, theta_deg=125.0), 10.0, None)
     with pytest.raises(SpecError, match="that is 20 deg from a quarter turn, more than 20"):
         upright(OBLONG, KnownTurn(frame=2, theta_deg=79.8), 10.0, None)
+    # no more than that is none
+    assert upright(OBLONG, KnownTurn(frame=2, theta_deg=MOST_OFF_DEG), 0.0, None).rotate90 == OBLONG.rotate90
+
+
+def test_every_scale_from_half_to_twice_is_tried_the_profile_s_own_first() -> None:
+    assert SCALES[0] == 1.0
+    in_order = sorted(SCALES)
+    assert in_order[0] * (1.0 - TOLERANCE) < 0.5 and in_order[-1] * (1.0 + TOLERANCE) > 2.0
+    assert all(low * (1.0 + TOLERANCE) > high * (1.0 - TOLERANCE) for low, high in pairwise(in_order))
+
+
+@pytest.mark.parametrize(("off", "sign"), [(0.9, 1), (1.4, -1)])
+def test_pixels_stay_as_oblong_as_the_profile_has_them(off: float, sign: int) -> None:
+    """Of a profile whose scale is off, of frames that are mirrored, and of other sign."""
+    sensor = replace(TRUE, px_per_mm=(15.0, 12.0))
+    frames = [np.float32(sign) * frame[:, ::-1] for frame in pressed(sensor, 2, 1, (3.0, 2.0), 20.0).frames]
+    found = find_orientation(frames, [TAPE], replace(sensor, px_per_mm=(15.0 * off, 12.0 * off)), None)
+    assert found is not None and found.mirror != sensor.mirror and found.sign == sign * sensor.sign
+    assert found.px_per_mm == pytest.approx(sensor.px_per_mm, rel=0.01)
 
 
 def test_frames_of_another_size_have_the_same_field_of_view() -> None:
@@ -71,6 +102,8 @@ def test_frames_of_another_size_have_the_same_field_of_view() -> None:
     # twice as high: px/mm grows as the root of the area
     assert fitted_size((480, 320), OBLONG).px_per_mm == pytest.approx((16.0 * 2**0.5, 12.0 * 2**0.5))
     assert fitted_size((16, 16), replace(OBLONG, px_per_mm=(4.0, 4.0))).px_per_mm == (1.0, 1.0)
+    # a profile holds 1000 px/mm at most
+    assert fitted_size((2400, 3200), replace(OBLONG, px_per_mm=(400.0, 400.0))).px_per_mm == (1000.0, 1000.0)
     for shape in ((15, 320), (240, 15), (240, 99_999)):
         with pytest.raises(
             SpecError, match=rf"frames of {shape[0]} x {shape[1]} px \(height x width\): each side must be from 16"

@@ -12,6 +12,7 @@ import pytest
 from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.sense.calibrate import posedness
 from tactape_fab.sense.calibrate.adjust import Bundle
+from tactape_fab.sense.calibrate.camera import parameters
 from tactape_fab.sense.calibrate.errors import Errors
 from tactape_fab.sense.calibrate.noise import Noise
 from tactape_fab.sense.calibrate.posedness import (
@@ -19,17 +20,22 @@ from tactape_fab.sense.calibrate.posedness import (
     _listed,
     _spread,
     checked_frames,
+    corner_sigma_um,
     empty_corners,
     frame_fault,
     refuse_few,
     refuse_unspread,
     remarks_of,
     share_of_perfect,
+    unseen,
     without_repeats,
 )
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.sense.calibrate.result import HeldOut
-from tests.unit.sense.calibrate.sensors import STOCK
+from tactape_fab.sense.decode.result import SOLID_DOTS
+from tactape_fab.sense.geometry import Geometry
+from tactape_fab.texture.frames import BoolArray
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE
 
 NOISE_FRAME = np.random.default_rng(1).random((20, 30)).astype(np.float32)
 
@@ -87,6 +93,7 @@ def test_frames_that_are_none_are_refused(monkeypatch: pytest.MonkeyPatch) -> No
     ):
         with pytest.raises(FrameError, match="frame 0 is no depth map: shape"):
             checked_frames([wrong])
+    assert checked_frames([NOISE_FRAME[:16, :16]])[1] == []
     monkeypatch.setattr(posedness, "MOST_FRAMES", 2)
     assert len(checked_frames([NOISE_FRAME] * 2)[0]) == 2
     with pytest.raises(SpecError, match="there are more than 2 frames"):
@@ -131,6 +138,29 @@ def test_too_few_presses_are_refused_with_the_commonest_reason() -> None:
     answers = [fix(), fix("few dots"), fix("no grid"), fix("few dots"), fix("it is empty")]
     with pytest.raises(SpecError, match=r"only 1 press of 5 frames \(few dots, mostly\) can be used.*; frame 4 is constant$"):
         refuse_few([one], answers, [True, True, True, True, False], ["frame 4 is constant"])
+    with pytest.raises(SpecError, match=r"at least once; frame 5 is so; frame 6 is so; frame 7 is so$"):
+        refuse_few([one], bad=[f"frame {k} is so" for k in range(5, 9)])
+
+
+def test_why_no_frame_shows_a_tape_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def said(*answers: tuple[str | None, int], bad: int = 0) -> tuple[str, str]:
+        fixes = [SimpleNamespace(reason=reason, n_dots=n_dots) for reason, n_dots in answers]
+        monkeypatch.setattr(posedness, "Localizer", lambda *_, **__: SimpleNamespace(locate=fixes.__getitem__))
+        images: Any = range(len(answers))
+        found = unseen(images, [f"frame {k} is so" for k in range(bad)], [TAPE], STOCK)
+        return found.key, found.message
+
+    other = "looks like sector 8 of a tape that is not registered"
+    key, named = said(("few dots", 3), (other, 40), ("few dots", 3))
+    assert (key, named) == ("tape", f"the frames show another tape: it {other}; give its kit")
+    key, few = said(("no grid", 2), (None, SOLID_DOTS - 1), bad=4)
+    assert key == "frames" and few.startswith("tape-7 is not seen in any of 2 frames")
+    assert few.endswith(
+        f"at most {SOLID_DOTS - 1} dots; press harder, or flatter, until the parts show as dots; "
+        "frame 0 is so; frame 1 is so; frame 2 is so"
+    )
+    _, many = said(("no grid", SOLID_DOTS), ("few dots", 2), ("no grid", 9))
+    assert f"though there are up to {SOLID_DOTS} dots (no grid); check that it is the tape" in many and many.endswith("colour")
 
 
 def test_corners_of_the_image_without_a_dot_are_named() -> None:
@@ -165,6 +195,26 @@ def test_the_share_of_a_perfect_camera_is_that_of_all_presses() -> None:
     # of the variance that the camera of n - 1 presses adds, (n - 1) / n are there with n
     assert share_of_perfect(bundle_of(4, 1.4)) == pytest.approx(np.sqrt(1.0 + 0.4 * 3 / 4))
     assert share_of_perfect(bundle_of(10, 1.0)) == 1.0
+
+
+def test_the_camera_s_error_is_that_of_what_the_mask_shows() -> None:
+    """Of a scale that is known to a thousandth, that of the place farthest from the middle, along one of two axes."""
+    u, v = np.meshgrid(np.arange(STOCK.width_px), np.arange(STOCK.height_px))
+    right_px, down_px = u - STOCK.centre_px[0], v - STOCK.centre_px[1]
+
+    def farthest_px(mask: BoolArray | None, geometry: Geometry = STOCK.geometry) -> float:
+        sensor = replace(STOCK, mask=mask, geometry=geometry)
+        bundle = replace(bundle_of(), sensor=sensor, values=parameters(sensor), covariance=np.diag([1e-6, 0, 0, 0, 0, 0]))
+        return float(corner_sigma_um(bundle) * np.sqrt(2.0) * STOCK.px_per_mm[0])
+
+    corner_px = np.hypot(*STOCK.centre_px)
+    assert farthest_px(None) == farthest_px(down_px > -500.0) == pytest.approx(corner_px, rel=1e-6)
+    # of places on a grid of eighths of the image
+    assert farthest_px((np.abs(right_px) < 50.0) & (down_px > 60.0)) == pytest.approx(np.hypot(39.9, 119.5), rel=1e-3)
+    # a mask that shows none of these
+    assert farthest_px(down_px > 500.0) == farthest_px(None)
+    # the middle is the pose's, also where the lens has another
+    assert farthest_px(np.hypot(right_px, down_px) < 1.0, Geometry(k1=0.03, center_px=(170.0, 110.0))) < 1.0
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,14 @@ def test_dots_on_no_part_and_those_at_the_image_s_sides_do_not_count() -> None:
     assert from_side_px[~press.interior].min() < 10.0 < from_side_px[press.interior].min()
 
 
+def test_parts_at_the_tape_s_edges_count() -> None:
+    """A contact over its corner shows its first column and row."""
+    frame = simulate(TAPE, (3.0, 3.0), 10.0, sensor=TRUE, seed=1)
+    (press,), _ = located([frame], [TAPE], TRUE)
+    cells = np.rint(press.texture_mm / TAPE.pitch_mm)
+    assert np.count_nonzero(cells == 0.0, axis=0).min() >= 4
+
+
 def test_dots_with_others_on_all_sides_are_inner() -> None:
     at = np.array([(x, y) for y in range(6) for x in range(7)], dtype=float) * 1.5
     column, row = np.rint(at / 1.5).astype(int).T
@@ -71,11 +79,15 @@ def test_dots_with_others_on_all_sides_are_inner() -> None:
     corner = np.isin(column, (0, 6)) & np.isin(row, (0, 5))
     found = interior(at, np.ones(len(at), dtype=bool), 1.6 * 1.5)
     assert found[amid].all() and not found[corner].any()
+    # and on tapes of any pitch
+    assert np.array_equal(interior(0.5 * at, np.ones(len(at), dtype=bool), 1.6 * 0.75), found)
     # those that do not count are no neighbours: without a column, there are four more corners
     of = column != 3
     found = interior(at, of, 1.6 * 1.5)
     corner |= np.isin(column, (2, 4)) & np.isin(row, (0, 5))
     assert not found[corner].any() and found[amid & np.isin(column, (1, 5))].all()
+    # a dot is no neighbour of its own: of a corner without the dot across it two are left, at a right angle
+    assert not interior(at, (column != 1) | (row != 1), 1.6 * 1.5)[(column == 0) & (row == 0)].any()
     # where fewer than twelve are amid others, all count: those are as many as sit on four sides and inside them
     for columns, rows in ((4, 3), (4, 4), (5, 4)):
         few = at[(column < columns) & (row < rows)]

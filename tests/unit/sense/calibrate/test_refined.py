@@ -10,6 +10,7 @@ import pytest
 
 from tactape_fab.base.blas import one_thread
 from tactape_fab.sense import ElasticContact, Scene, calibrate_sensor, simulate
+from tactape_fab.sense.calibrate.adjust import LEAST_AGREEING
 from tactape_fab.sense.calibrate.calibration import _adjusted
 from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES
 from tactape_fab.sense.calibrate.presses import Press, located
@@ -41,6 +42,21 @@ def test_pixels_place_dots_better_than_the_detector() -> None:
     # weights are what dots have of their height
     weights = np.concatenate([press.weights for press in fine])
     assert 1.0 - MOST_LOW < weights.min() < weights.max() <= 1.0
+    # nothing draws them but the rim, and they are no middles between edges, whatever the dots were
+    assert not any(press.pushed.any() or press.rim_mm.any() for press in fine)
+    for press in [*fine, *refined(made.frames, [replace(found[0], by_edges=0.7)], TRUE, [TAPE])]:
+        assert press.by_edges == 0.0
+        for of_dots in (press.seen_px, press.texture_mm, press.rim_mm, press.pushed, press.pulled):
+            assert of_dots.shape == (len(press.weights), 2)
+
+
+def test_a_press_has_as_many_dots_as_a_fit_needs_or_is_left_out() -> None:
+    made = presses()
+    (found,), _ = located(made.frames[:1], [TAPE], TRUE)
+    inner = np.flatnonzero(found.interior)
+    for count in (LEAST_AGREEING - 1, LEAST_AGREEING):
+        fine = refined(made.frames, [found.taken(inner[:count])], TRUE, [TAPE])
+        assert [len(press.weights) for press in fine] == [count] * (count >= LEAST_AGREEING)
 
 
 def test_pixels_that_are_averaged_first_place_dots_as_well() -> None:
@@ -55,6 +71,10 @@ def test_pixels_that_are_averaged_first_place_dots_as_well() -> None:
         to_px = press.seen_px[:, None] - rough.seen_px
         apart_px = to_px[np.arange(len(to_px)), np.hypot(*to_px.transpose(2, 0, 1)).argmin(axis=1)]
         assert np.abs(np.median(apart_px, axis=0)).max() < 0.15 and np.abs(apart_px).max() < 1.0
+    # looked for from where they were found, they are found there again
+    again = refined(made.frames, fine, doubled, [TAPE])
+    moved_px = np.concatenate([new.seen_px - old.seen_px for new, old in zip(again, fine, strict=True)])
+    assert np.sqrt(np.mean(moved_px**2)) < 0.015
 
 
 @pytest.mark.parametrize("part", [replace(TAPE.part, shape="dome"), replace(TAPE.part, body_mm=(2.0, 1.2, 0.4))])

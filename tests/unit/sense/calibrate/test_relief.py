@@ -17,6 +17,12 @@ from tactape_fab.texture.frames import FloatArray
 from tests.unit.sense.calibrate.sensors import TAPE, TRUE, pressed
 
 
+def test_blurs_that_are_tried_are_near_each_other_in_their_order() -> None:
+    """What is interpolated between three of them is no further than half as much again."""
+    steps = np.diff(np.log(FINE))
+    assert (steps > 0.0).all() and (steps < np.log(1.5)).all()
+
+
 def test_a_blur_between_those_tried_is_that_of_a_parabola_in_its_logarithm() -> None:
     for blur in (0.05, 0.11, 0.4):
         sums = np.log(np.array(FINE) / blur) ** 2 + 1.0
@@ -64,6 +70,12 @@ def test_blur_and_height_are_those_of_the_drawn_gel(blur_mm: float, factor: int)
         found.blur_mm, rel=1e-2
     )
     assert twice.left == pytest.approx(4.0 * found.left, rel=1e-2) and twice.freedom == found.freedom > 1000.0
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_a_sharp_gel_s_blur_is_found_to_two_percent(factor: int) -> None:
+    """Dots are looked for to half a pixel where they are, of averaged pixels too: a pixel off, it seems 5 % softer."""
+    assert relief(0.08, factor).blur_mm == pytest.approx(0.08, rel=0.02)
 
 
 def test_parts_of_no_known_relief_and_few_dots_say_nothing() -> None:
