@@ -39,6 +39,21 @@ def test_an_inspection_tells_the_dots_errors_from_the_parts() -> None:
     assert found.dot_mm == pytest.approx(DOT_MM, rel=0.04)
 
 
+def test_dots_far_off_do_not_make_the_others_less_exact() -> None:
+    """Parts that an inspection holds are settled at once; what a dot errs by has to settle as well, without those left out."""
+    rng = np.random.default_rng(5)
+    shift_mm = rng.normal(0.0, 0.05, NOMINAL_MM.shape)
+    contacts, _ = drawn(rng, shift_mm, 14)
+    amiss = 0
+    for contact in contacts:
+        off = rng.random(len(contact.part)) < 0.1
+        contact.seen_px[off] += rng.normal(0.0, 0.4, (off.sum(), 2)) * SENSOR.px_per_mm
+        amiss += int(off.sum())
+    found = adjust(contacts, NOMINAL_MM, SENSOR, Prior(shift_mm=shift_mm, sigma_mm=np.full(len(shift_mm), 0.0003)))
+    assert found.dot_mm == pytest.approx(DOT_MM, rel=0.05)
+    assert found.left == pytest.approx(amiss / sum(len(c.part) for c in contacts), rel=0.1)
+
+
 def test_a_robot_shows_how_the_whole_tape_is_stretched() -> None:
     """By 0.5 % along x: 50 um at the ends, of which contacts alone know nothing."""
     rng = np.random.default_rng(0)

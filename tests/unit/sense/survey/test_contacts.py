@@ -92,6 +92,21 @@ def test_dots_of_a_contact_are_at_the_parts_that_they_name(frame: int) -> None:
     assert len(contact.expected) == 0
 
 
+def test_oblong_pixels_and_a_lens_off_the_centre_move_no_dot_from_its_part() -> None:
+    """Places on the gel count from the lens, poses from the image's centre, more than 2 mm beside it."""
+    off_u, off_v = np.add(TRUE.centre_px, (30.0, -20.0)).tolist()
+    sensor = replace(TRUE, px_per_mm=(15.0, 13.0), geometry=replace(TRUE.geometry, center_px=(off_u, off_v)))
+    x, y, theta_deg = 40.0, 24.0, 20.0
+    depth = simulate(PRESSED, (x, y), theta_deg, sensor=sensor, contact_mm=(9.0, 8.0), seed=3)
+    contact = contact_of(0, depth, Localizer(PRESSED, sensor).locate(depth), GROUND, sensor, GROUND.nominal_mm)
+    assert contact is not None and len(contact.part) > 20
+    c, s = np.cos(np.radians(theta_deg)), np.sin(np.radians(theta_deg))
+    from_centre_mm = (GROUND.nominal_mm[contact.part] - (x, y)) @ np.array([[c, s], [-s, c]])
+    expected_px = sensor.camera.to_px(from_centre_mm + sensor.camera.from_px(sensor.centre_px))
+    # dots at the rim are drawn outwards by a tenth of a millimetre
+    assert np.hypot(*(contact.seen_px - expected_px).T).max() < 0.12 * 15.0
+
+
 def test_dots_of_sharp_tops_are_middles_that_nothing_draws() -> None:
     """By maxima they err by 19 um, and by twice as much at the rim."""
     pose = np.array([40.0, 24.0, 20.0])

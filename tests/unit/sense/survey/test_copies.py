@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from tactape_fab import SpecError
-from tactape_fab.sense.survey.copies import LEAST_RATIO, MOST_ALIKE, refuse_copies, refuse_other_start, split_of
+from tactape_fab.sense.survey.copies import (
+    LEAST_CONTACTS,
+    LEAST_PARTS,
+    LEAST_RATIO,
+    MOST_ALIKE,
+    _squares,
+    refuse_copies,
+    refuse_other_start,
+    split_of,
+)
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 CONTACTS, SIDE, DOT_MM = 30, 12, 0.005
@@ -82,6 +92,44 @@ def test_few_contacts_are_no_copy() -> None:
     refuse_copies(range(CONTACTS), *dots(placed(0.07), 2), PLACES_MM)
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "parts", "told"),
+    [
+        (LEAST_CONTACTS, LEAST_CONTACTS, LEAST_PARTS, True),
+        (LEAST_CONTACTS + 1, LEAST_CONTACTS - 1, LEAST_PARTS, False),
+        (LEAST_CONTACTS, LEAST_CONTACTS - 1, LEAST_PARTS, False),
+        (LEAST_CONTACTS, LEAST_CONTACTS, LEAST_PARTS - 1, False),
+    ],
+)
+def test_the_fewest_contacts_and_parts_by_which_copies_are_told(first: int, second: int, parts: int, told: bool) -> None:
+    """Each contact shows all of the parts."""
+    contact, part = np.divmod(np.arange((first + second) * parts), parts)
+    apart_mm = placed(0.07)[part] * (contact >= first)[:, None] + np.random.default_rng(1).normal(0.0, DOT_MM, (len(part), 2))
+    mean = np.stack([np.bincount(part, apart_mm[:, axis]) for axis in range(2)], axis=1) / (first + second)
+    found = split_of(contact, part, apart_mm - mean[part], PLACES_MM, first + second)
+    assert (found is not None) == told
+    if found is not None:
+        assert found.parts == parts and found.ratio > LEAST_RATIO
+        assert found.second[:first].all() != found.second[first:].all() and found.second.sum() == second
+
+
+def test_a_dot_is_compared_with_the_others_of_a_group_and_never_with_itself() -> None:
+    """The mean of n others has an error, too: squares are over 1 + 1 / n. Where there is no other, nothing is told."""
+    rng = np.random.default_rng(5)
+    contact, part = np.nonzero(rng.random((6, 40)) < 0.5)
+    left_mm = rng.normal(0.0, 0.05, (len(part), 2))
+    group = np.array([True, True, False, True, False, False])
+    shape = (6, 40)
+    seen = csr_matrix((np.ones(len(part)), (contact, part)), shape=shape)
+    by = [csr_matrix((left_mm[:, axis], (contact, part)), shape=shape) for axis in range(2)]
+    told = []
+    for k, j, left in zip(contact, part, left_mm, strict=True):
+        others = left_mm[(part == j) & (contact != k) & group[contact]]
+        told.append(((left - others.mean(axis=0)) ** 2).sum() / (1.0 + 1.0 / len(others)) if len(others) else np.nan)
+    assert 0 < np.isnan(told).sum() < len(told) / 2
+    assert _squares(seen, by, contact, part, left_mm, group) == pytest.approx(told, nan_ok=True)
+
+
 def test_contacts_that_share_no_part_say_nothing() -> None:
     contact = np.repeat(np.arange(8), 10)
     assert split_of(contact, np.arange(80), np.ones((80, 2)), PLACES_MM, 8) is None
@@ -103,6 +151,11 @@ def test_a_start_is_refused_where_the_design_fits_better() -> None:
                 refuse_other_start(part, left, before, before, sigma)
             # what placement is at its best is no other copy
             refuse_other_start(part, left / 10.0, before / 10.0, before / 10.0, sigma / 10.0)
+    # a part tells from twice its standard deviation off the design: here all are 0.05 mm off, the same way as of another copy
+    before = 0.05 * other / np.hypot(*other.T)[:, None]
+    refuse_other_start(part, (own - before)[part], before, before, np.full(len(own), 0.026))
+    with pytest.raises(SpecError, match="leave out --from"):
+        refuse_other_start(part, (own - before)[part], before, before, np.full(len(own), 0.02))
     # parts that nobody measured are where the design has them
     refuse_other_start(part, own[part], np.zeros_like(own), np.zeros_like(own), np.full(len(own), np.inf))
     # nor do they speak for those that were, however far off

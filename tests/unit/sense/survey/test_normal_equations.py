@@ -20,7 +20,7 @@ from tests.surveyed import by_robot, contact_of
 def test_a_step_solves_all_equations_at_once() -> None:
     """Parts, camera, poses, bend and a robot's frame in one matrix, by numpy; one pose is far off and has Huber's weight."""
     rng = np.random.default_rng(2)
-    nominal_mm = np.array([*rng.uniform(0.0, 2.5, (6, 2)), (12.0, 9.0)])
+    nominal_mm = np.array([(0.0, 0.0), (2.6, 2.6), *rng.uniform(0.0, 2.6, (4, 2)), (6.0, 6.0)])
     part, contact, parts, contacts = np.tile(np.arange(7), 4), np.repeat(np.arange(4), 7), 7, 4
     none = np.zeros((28, 2))
     rows = Rows(part=part, contact=contact, seen_px=none, own=none[:, 0], rim_mm2=none[:, 0], pushed=none, pulled=none)
@@ -88,7 +88,7 @@ def test_a_step_solves_all_equations_at_once() -> None:
     of_parts = covariance.diagonal()[30:].reshape(7, 2)
     assert sigma**2 == pytest.approx(of_parts.mean(axis=1), rel=1e-4)
     assert common_sigma**2 == pytest.approx(covariance.diagonal()[:6], rel=1e-4)
-    # neighbours: six parts together, one alone; what each errs by itself is no drift
+    # neighbours: six parts together, one alone, 5 mm from the next; what each errs by itself is no drift
     squares = []
     for group in [range(6)] * 6 + [range(6, 7)]:
         for axis in (0, 1):

@@ -17,10 +17,11 @@ import pytest
 from tactape_fab import AsBuilt, Localizer, SpecError, Tape, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Frame, Scene, iterate_frames, load_sensor
+from tactape_fab.sense.survey import survey
 from tactape_fab.sense.survey.adjust import Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, contact_of, ground_of
 from tactape_fab.sense.survey.poses import RobotPose
-from tactape_fab.sense.survey.survey import Survey, _refuse_number, _robot, _surveyed, survey_files
+from tactape_fab.sense.survey.survey import Survey, _refuse_number, _robot, _sigma_before, _surveyed, survey_files
 from tactape_fab.texture.frames import FloatArray
 from tests.measured import measured
 from tests.thorough import slow
@@ -272,6 +273,16 @@ def test_too_few_contacts_are_refused(tmp_path: Path) -> None:
         surveyed(tmp_path, learn[:5])
 
 
+def test_progress_counts_frames_of_all_files_up_to_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(survey, "_BLOCK", 2)
+    depths, said = [frame.depth for frame in pressed(60)[1][:5]], list[tuple[object, ...]]()
+    files: Any = [Frames(depths[:3]), Frames(depths[3:])]
+    (manifest := tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(SpecError, match="only 5 of 5 frames"):
+        _surveyed(small_tape(), manifest, load_sensor("gelsight-mini"), files, (), lambda *words: said.append(words))
+    assert said == [("frames", 2, 5), ("frames", 4, 5), ("frames", 5, 5)]
+
+
 def test_no_file_of_measured_places_is_read_twice(tmp_path: Path) -> None:
     """A survey that starts from an earlier one lists both, oldest first, and is as sure as both together."""
     _, learn, _ = pressed(60)
@@ -292,6 +303,27 @@ def test_the_frames_of_an_earlier_survey_are_refused_after_it(tmp_path: Path) ->
     first = surveyed(tmp_path, learn).as_built
     with pytest.raises(SpecError, match="surveyed of these very frames, which would count twice; give new frames"):
         surveyed(tmp_path, learn[::-1], replace(small_tape(), as_built=first))
+
+
+def test_places_from_before_are_known_without_what_all_err_by_together() -> None:
+    """No part is its drift alone: half of what was said is its own at least; and none is exact, whatever a file says."""
+    sigma_mm = np.array([0.05, 0.0101, 0.004, 0.0, 0.0])
+    none = np.zeros(4)
+    before = AsBuilt(
+        tape="t",
+        manifest_sha256="0" * 64,
+        number=np.array([1, 2, 3, 5]),
+        dx_mm=none,
+        dy_mm=none,
+        rotation_deg=none,
+        present=none.astype(bool),
+        sigma_mm=sigma_mm[[0, 1, 2, 4]],
+        source=({"kind": "survey", "drift_mm": 0.01},),
+    )
+    found = _sigma_before(sigma_mm, before)
+    assert found[0] == pytest.approx(np.sqrt(0.05**2 - 0.01**2))
+    assert found[1:3] == pytest.approx([0.0101 / 2, 0.004 / 2])
+    assert np.isnan(found).tolist() == [False, False, False, True, False] and 0.0 < found[4] <= 0.0005
 
 
 @slow
