@@ -78,7 +78,7 @@ def test_a_pose_is_held_against_the_mean_of_the_others() -> None:
     """Shifts and turn are unknowns: of n others the mean errs by sigma / sqrt(n), and sigma has n - 1 degrees of freedom."""
     at, n = np.random.default_rng(8).normal(size=(COUNT, 6)), COUNT - 1
     rates = np.tile(np.eye(6)[:, [0, 1, 5]], (COUNT, 1, 1))
-    chance, off, sigmas = _held(at, rates, np.zeros(3), np.arange(1, COUNT), [0], np.ones(6), np.full(6, 1e-9), np.full(3, 1e-9))
+    (chance,), (off,), (sigmas,) = _held(at, rates, np.zeros(3), np.array([[0]]), np.ones(6), np.full(6, 1e-9), np.full(3, 1e-9))
     seen = [0, 1, 5]
     assert off[0, seen] == pytest.approx(at[0, seen] - at[1:, seen].mean(axis=0))
     assert sigmas[seen] == pytest.approx(at[1:, seen].std(axis=0, ddof=1))
@@ -90,7 +90,7 @@ def test_a_pose_is_held_against_the_mean_of_the_others() -> None:
 def test_what_is_known_before_counts_as_another_pose() -> None:
     """Four residuals x - 1 of sigma 1, and 4 x: the least of 4 (x - 1)^2 + 16 x^2 is at 0.2, a step of -1.8 from 2."""
     at, rates = np.ones((5, 6)), np.tile(np.eye(6)[:, :1], (5, 1, 1))
-    _, off, sigmas = _held(at, rates, np.array([2.0]), np.arange(1, 5), [0], np.ones(6), np.ones(6), np.array([4.0]))
+    _, (off,), (sigmas,) = _held(at, rates, np.array([2.0]), np.array([[0]]), np.ones(6), np.ones(6), np.array([4.0]))
     assert off[0] == pytest.approx([-0.8, 1, 1, 1, 1, 1]) and sigmas == pytest.approx(np.ones(6))
 
 
